@@ -1,0 +1,1 @@
+"""The attack's contract, and the attacks that come with spoofbench."""

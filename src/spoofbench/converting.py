@@ -1,0 +1,75 @@
+"""The converter's contract: a raw log in; rows, rejects and facts out; every byte or record accounted for.
+
+A converter is a module (or object) behind an entry point of the group ``spoofbench.converters``.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Protocol
+
+from spoofbench.recording import Table
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What is to be converted: a file, a folder or an archive, and the first bytes of it where it is a file."""
+
+    path: Path
+    head: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Rows of one topic, in the order of time, and how much of the source they came from (bytes or records)."""
+
+    topic: str
+    table: Table
+    used: int
+
+
+@dataclass(frozen=True, slots=True)
+class Reject:
+    """A part of the source that gave no rows: where, how much, and why.
+
+    ``offset`` and ``length`` count the converter's unit (bytes, or records of a container).
+    """
+
+    offset: int
+    length: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Metadata that the converter learned: ``primary``, ``source/<name>``, ``recording``; later facts win."""
+
+    metadata: Mapping[str, Mapping[str, str]]
+
+
+class Options(Protocol):
+    """A frozen dataclass of a converter's options, each with a default."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+
+class Converter(Protocol):
+    """Reads one family of raw logs.
+
+    Attributes:
+        VERSION: changes whenever the same log would give other rows.
+        UNIT: what the ledger counts.
+        Options: dataclass of the options.
+    """
+
+    VERSION: str
+    UNIT: Literal["bytes", "records"]
+    Options: type[Any]
+
+    def sniff(self, source: Source) -> float:
+        """Return 0 (not mine) to 1 (certain), judged by content, never by name alone."""
+        ...
+
+    def convert(self, source: Source, options: Any) -> Iterator[Block | Reject | Facts]:
+        """Yield what the log holds, in file order, in bounded memory."""
+        ...

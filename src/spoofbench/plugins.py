@@ -1,0 +1,99 @@
+"""Plugins: found without import, loaded when used, blamed by name.
+
+Converters, attacks and detectors of any distribution, ours included, come in by the same entry-point groups.
+"""
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from types import MappingProxyType
+from typing import Any, Literal
+
+from spoofbench.errors import PluginError
+
+Group = Literal["spoofbench.converters", "spoofbench.attacks", "spoofbench.detectors"]
+CONVERTERS: Group = "spoofbench.converters"
+ATTACKS: Group = "spoofbench.attacks"
+DETECTORS: Group = "spoofbench.detectors"
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin:
+    """An entry point that is installed but not imported."""
+
+    group: Group
+    name: str
+    distribution: str
+    version: str
+    entry_point: EntryPoint
+
+    def __str__(self) -> str:
+        return f"{self.group.removeprefix('spoofbench.').removesuffix('s')} {self.name!r} of {self.distribution} {self.version}"
+
+    def load(self) -> Any:
+        """Import the plugin and return its object.
+
+        Raises:
+            PluginError: the import failed; names the plugin, its distribution and the reason.
+        """
+        try:
+            return self.entry_point.load()
+        except Exception as error:  # a plugin may raise anything
+            raise PluginError(
+                f"{self} cannot be loaded from {self.entry_point.value!r}: {type(error).__name__}: {error}; "
+                f"reinstall or remove the distribution {self.distribution!r}"
+            ) from error
+
+
+@cache
+def found(group: Group) -> Mapping[str, Plugin]:
+    """Return the plugins of a group by name, without importing any.
+
+    Raises:
+        PluginError: two distributions claim one name.
+    """
+    plugins: dict[str, Plugin] = {}
+    for entry in sorted(entry_points(group=group), key=lambda entry: entry.name):
+        distribution = entry.dist
+        name, version = (distribution.name, distribution.version) if distribution else ("an unknown distribution", "?")
+        plugin = Plugin(group, entry.name, name, version, entry)
+        other = plugins.setdefault(entry.name, plugin)
+        if (other.distribution, other.entry_point.value) != (plugin.distribution, entry.value):
+            raise PluginError(f"{other} and {plugin} claim one name; uninstall {other.distribution!r} or {plugin.distribution!r}")
+    return MappingProxyType(plugins)
+
+
+def find(group: Group, name: str) -> Plugin:
+    """Return the plugin of that name.
+
+    Raises:
+        PluginError: there is none; names what there is.
+    """
+    plugins = found(group)
+    if name not in plugins:
+        near = difflib.get_close_matches(name, plugins, 1)
+        hint = f"did you mean {near[0]!r}?" if near else f"installed are {sorted(plugins) or 'none'}"
+        raise PluginError(f"no {group.removeprefix('spoofbench.').removesuffix('s')} is called {name!r}; {hint}")
+    return plugins[name]
+
+
+def make(group: Group, name: str, parameters: Mapping[str, Any] = MappingProxyType({})) -> Any:
+    """Load a plugin whose object is a dataclass and return an instance with these parameters.
+
+    Raises:
+        PluginError: it cannot be loaded, has no such parameter, or refuses a value.
+    """
+    plugin = find(group, name)
+    factory = plugin.load()
+    known = getattr(factory, "__dataclass_fields__", None)
+    if known is None:
+        raise PluginError(f"{plugin} is not a dataclass, so it has no parameters")
+    for parameter in parameters:
+        if parameter not in known:
+            raise PluginError(f"{plugin} has no parameter {parameter!r}; it has {sorted(known)}")
+    try:
+        return factory(**parameters)
+    except Exception as error:  # a plugin may raise anything
+        raise PluginError(f"{plugin} refuses its parameters {dict(parameters)!r}: {type(error).__name__}: {error}") from error

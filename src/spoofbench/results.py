@@ -1,0 +1,210 @@
+"""The results folder: one immutable file per outcome, tables over all of them, all of it Parquet.
+
+::
+
+    run.json                    versions, input digests, machine
+    tasks.parquet               one row per task
+    decisions/<task>.parquet    time_ns, score, available; status and reason in the file's metadata
+    truth/<variant>.parquet     the scoring grid of a variant, per epoch; attack intervals in the file's metadata
+    scores.parquet              one row per task
+    events.parquet              one row per task and attack interval
+    costs.parquet               time and memory: the only file that may differ between equal runs
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from spoofbench.detecting import Decisions
+from spoofbench.errors import ResultsError
+from spoofbench.recording import Interval
+
+Status = Literal["ok", "skipped", "not_modelled", "failed", "timeout", "out_of_memory"]
+FAILURES: frozenset[Status] = frozenset({"failed", "timeout", "out_of_memory"})
+"""Statuses that count as misses; ``skipped`` and ``not_modelled`` are null."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One row of ``tasks.parquet``: one detector on one variant. An unattacked task has no attack, window or seed."""
+
+    task_id: str
+    variant_id: str
+    recording: str
+    session: str
+    attack: str | None
+    attack_parameters: str | None
+    window_start_ns: int | None
+    window_end_ns: int | None
+    seed: int | None
+    detector: str
+    plugin: str
+    plugin_distribution: str
+    plugin_version: str
+    parameters: str
+    requires: str
+    memory_s: float
+    hold_s: float | None
+    target_far_per_hour: float
+    status: Status
+    reason: str | None
+
+
+_ARROW: dict[Any, Any] = {int: pa.int64(), int | None: pa.int64(), float: pa.float64(), float | None: pa.float64()}
+TASK_SCHEMA = pa.schema([(field.name, _ARROW.get(field.type, pa.string())) for field in fields(Task)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """The scoring grid of a variant, arrays ``(n,)``, and its attack intervals.
+
+    Attributes:
+        time_ns: epochs of the variant's primary PVT, and the nominal epochs inside its gaps.
+        observed: whether the variant has a row there (else a nominal epoch).
+        spoofed: within an attack interval.
+        guard: within 10 s after one, where an epoch is neither clean nor spoofed (a detector's ``memory_s`` may extend it).
+        lat_deg, lon_deg: as the variant says; NaN at nominal epochs.
+        clean_lat_deg, clean_lon_deg: as the clean recording says.
+        position_error_m: 3-D distance of the two, NaN where either is absent.
+        velocity_error_mps: norm of the difference of the two velocities.
+        epoch_ns: nominal interval of the grid.
+        intervals: the rows of ``/truth/attack``.
+    """
+
+    time_ns: NDArray[np.int64]
+    observed: NDArray[np.bool_]
+    spoofed: NDArray[np.bool_]
+    guard: NDArray[np.bool_]
+    lat_deg: NDArray[np.float64]
+    lon_deg: NDArray[np.float64]
+    clean_lat_deg: NDArray[np.float64]
+    clean_lon_deg: NDArray[np.float64]
+    position_error_m: NDArray[np.float64]
+    velocity_error_mps: NDArray[np.float64]
+    epoch_ns: int
+    intervals: tuple[Interval, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What became of a task: decisions where the status is ``ok``, else the reason why there are none."""
+
+    status: Status
+    reason: str | None
+    decisions: Decisions | None
+
+
+_DECISION_SCHEMA = pa.schema([("time_ns", pa.int64()), ("score", pa.float64()), ("available", pa.bool_())])
+
+
+def write_outcome(folder: Path, task_id: str, outcome: Outcome) -> None:
+    """Write one task's outcome, whole or not at all."""
+    d = outcome.decisions
+    columns: list[Any] = [[], [], []] if d is None else [d.time_ns, d.score, d.available]
+    about = {"status": outcome.status, "reason": outcome.reason or ""}
+    write_parquet(folder / "decisions" / f"{task_id}.parquet", pa.table(columns, _DECISION_SCHEMA.with_metadata(about)))
+
+
+def read_outcome(folder: Path, task_id: str) -> Outcome | None:
+    """Return one task's outcome, None where there is none yet.
+
+    Raises:
+        ResultsError: the file is damaged.
+    """
+    path = folder / "decisions" / f"{task_id}.parquet"
+    if not path.exists():
+        return None
+    table = read_parquet(path)
+    about = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
+    if about.get("status") not in get_args(Status):
+        raise ResultsError(f"{path} has no status; delete it and resume the run")
+    decisions = None
+    if about["status"] == "ok":
+        decisions = Decisions(*(table[name].to_numpy() for name in _DECISION_SCHEMA.names))
+    return Outcome(about["status"], about["reason"] or None, decisions)
+
+
+def write_truth(folder: Path, variant_id: str, truth: Truth) -> None:
+    """Write one variant's scoring grid and intervals."""
+    columns = {f.name: getattr(truth, f.name) for f in fields(Truth) if f.name not in ("epoch_ns", "intervals")}
+    about = {
+        "epoch_ns": str(truth.epoch_ns),
+        "intervals": json.dumps([[interval.start_ns, interval.end_ns] for interval in truth.intervals]),
+    }
+    write_parquet(folder / "truth" / f"{variant_id}.parquet", pa.table(columns).replace_schema_metadata(about))
+
+
+def read_truth(folder: Path, variant_id: str) -> Truth:
+    """Return one variant's scoring grid and intervals.
+
+    Raises:
+        ResultsError: the file is missing or damaged.
+    """
+    table = read_parquet(folder / "truth" / f"{variant_id}.parquet")
+    about = table.schema.metadata
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    intervals = tuple(Interval(*pair) for pair in json.loads(about[b"intervals"]))
+    return Truth(**columns, epoch_ns=int(about[b"epoch_ns"]), intervals=intervals)
+
+
+def write_tasks(folder: Path, tasks: Sequence[Task]) -> None:
+    """Write ``tasks.parquet``, rows in the order of the suite."""
+    write_parquet(folder / "tasks.parquet", pa.Table.from_pylist([asdict(task) for task in tasks], TASK_SCHEMA))
+
+
+def read_tasks(folder: Path) -> list[Task]:
+    """Return the rows of ``tasks.parquet``.
+
+    Raises:
+        ResultsError: the file is missing or damaged.
+    """
+    return [Task(**row) for row in read_parquet(folder / "tasks.parquet").to_pylist()]
+
+
+def write_run(folder: Path, run: Mapping[str, Any]) -> None:
+    """Write ``run.json``."""
+    _replace(folder / "run.json", lambda path: path.write_text(json.dumps(run, indent=1, sort_keys=True) + "\n"))
+
+
+def read_run(folder: Path) -> dict[str, Any]:
+    """Return ``run.json``.
+
+    Raises:
+        ResultsError: the file is missing or damaged.
+    """
+    try:
+        run: dict[str, Any] = json.loads((folder / "run.json").read_text())
+    except (OSError, ValueError) as error:
+        raise ResultsError(f"{folder} is not a results folder: {error}") from error
+    return run
+
+
+def write_parquet(path: Path, table: pa.Table) -> None:
+    """Write a table under a temporary name and rename it."""
+    _replace(path, lambda temporary: pq.write_table(table, temporary, compression="zstd"))
+
+
+def read_parquet(path: Path) -> pa.Table:
+    """Return a table.
+
+    Raises:
+        ResultsError: the file is missing or damaged.
+    """
+    try:
+        return pq.read_table(path, partitioning=None)
+    except (OSError, pa.ArrowException) as error:
+        raise ResultsError(f"{path} cannot be read: {error}") from error
+
+
+def _replace(path: Path, write: Any) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.part")
+    write(temporary)
+    temporary.replace(path)
