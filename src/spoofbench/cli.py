@@ -1,0 +1,266 @@
+"""The command line: words in, functions called, errors as one sentence. Heavy imports wait until a command runs."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+app = typer.Typer(
+    name="spoofbench",
+    help="Convert GNSS and IMU logs, spoof them, and rank spoofing detectors with honest intervals.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print for machines.")]
+Parameters = Annotated[Optional[list[str]], typer.Option("-p", "--parameter", metavar="KEY=VALUE", help="Parameter; repeat for more.")]  # noqa: UP045
+
+
+@app.callback()
+def root(version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True)] = False) -> None:
+    if version:
+        from spoofbench import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option("-o", help="Folder for everything that is made.")] = Path("demo"),
+    workers: Annotated[Optional[int], typer.Option(help="Tasks at a time.")] = None,  # noqa: UP045
+) -> None:
+    """Convert, attack, run and report on a real drive."""
+    from spoofbench.demo import demonstrate
+
+    with _progress() as progress:
+        page = demonstrate(out, workers, progress)
+    _leaderboard(out / "results")
+    typer.echo(f"report: {page}")
+
+
+@app.command()
+def convert(
+    inputs: Annotated[list[Path], typer.Argument(metavar="IN...", help="Raw logs: files, folders or archives.")],
+    out: Annotated[Path, typer.Option("-o", help="A file for one input, a folder for several.")],
+    log_format: Annotated[Optional[str], typer.Option("--format", help="Converter to use; else found by content.")] = None,  # noqa: UP045
+    options: Parameters = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Fail at anything that must be skipped.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Convert raw logs and account for every part."""
+    from spoofbench.converting import convert as convert_one
+
+    targets = _targets(inputs, out)
+    ledgers: dict[str, Any] = {}
+    with _progress() as progress:
+        for source, target in targets.items():
+            step = progress(f"convert {source.name}")
+            ledger = convert_one(source, target, format=log_format, options=_texts(options), strict=strict, progress=step)
+            ledgers[str(target)] = ledger
+    if as_json:
+        _print_json({target: ledger.as_dict() for target, ledger in ledgers.items()})
+    else:
+        for target, ledger in ledgers.items():
+            typer.echo(f"{target}\n{ledger.as_text()}")
+
+
+@app.command()
+def info(file: Path, as_json: AsJson = False) -> None:
+    """Say what a recording holds."""
+    from spoofbench.summary import as_dict, as_text, summarise
+
+    summary = summarise(file)
+    if as_json:
+        _print_json(as_dict(summary))
+    else:
+        typer.echo(as_text(summary))
+
+
+@app.command()
+def attack(
+    file: Path,
+    name: Annotated[str, typer.Option("-a", "--attack", help="Attack to make; see `spoofbench plugins`.")],
+    out: Annotated[Path, typer.Option("-o", help="Variant to write.")],
+    parameters: Parameters = None,
+    donors: Annotated[Optional[list[Path]], typer.Option("--donor", help="Recording that supplies foreign signals.")] = None,  # noqa: UP045
+    start: Annotated[Optional[float], typer.Option(help="Seconds after the first row; else drawn by the seed.")] = None,  # noqa: UP045
+    duration: Annotated[float, typer.Option(help="Seconds.")] = 120.0,
+    seed: Annotated[int, typer.Option(help="Seed of all chance.")] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Write a spoofed variant with its truth."""
+    from spoofbench.attacks.files import attack_file
+
+    rows = attack_file(file, out, name, _values(parameters), donors or [], start, duration, seed)
+    if as_json:
+        _print_json(rows)
+    else:
+        for row in rows:
+            typer.echo(
+                f"{out}: {row['attack']} from {row['start_s']:.3f} s to {row['end_s']:.3f} s, "
+                f"strength {row['strength']:g} {row['strength_unit']}, sources {row['sources']}"
+            )
+        if not rows:
+            typer.echo(f"{out}: strength 0, nothing changed")
+
+
+@app.command()
+def run(
+    suite: Path,
+    out: Annotated[Path, typer.Option("-o", help="Results folder.")],
+    workers: Annotated[Optional[int], typer.Option(help="Tasks at a time; else one per processor.")] = None,  # noqa: UP045
+    resume: Annotated[bool, typer.Option("--resume", help="Do what is missing in a results folder.")] = False,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="With --resume, run failed tasks again.")] = False,
+) -> None:
+    """Run a suite of detectors, and score it."""
+    from spoofbench.runner import run as run_suite
+    from spoofbench.suite import load_suite
+
+    with _progress() as progress:
+        run_suite(load_suite(suite), out, workers=workers, resume=resume, retry_failed=retry_failed, progress=progress("run"))
+    _leaderboard(out)
+
+
+@app.command()
+def score(results: Path) -> None:
+    """Score again from the raw decisions."""
+    from spoofbench.scoring.folder import score_folder
+
+    score_folder(results)
+    _leaderboard(results)
+
+
+@app.command()
+def report(
+    results: Path,
+    out: Annotated[Path, typer.Option("-o", help="Folder for the page.")],
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print the leaderboard as Markdown.")] = False,
+) -> None:
+    """Write the page and print the leaderboard."""
+    from spoofbench import report as reports
+
+    page = reports.write_site(results, out)
+    if markdown:
+        typer.echo(reports.markdown(results))
+    else:
+        _leaderboard(results)
+    typer.echo(f"report: {page}", err=markdown)
+
+
+@app.command()
+def plugins(as_json: AsJson = False) -> None:
+    """List converters, attacks and detectors."""
+    from spoofbench import plugins as installed
+
+    rows = [
+        {"kind": group.removeprefix("spoofbench.").removesuffix("s"), "name": p.name, "distribution": p.distribution, "version": p.version}
+        for group in (installed.CONVERTERS, installed.ATTACKS, installed.DETECTORS)
+        for p in installed.found(group).values()
+    ]
+    if as_json:
+        _print_json(rows)
+    else:
+        for row in rows:
+            typer.echo(f"{row['kind']:<10} {row['name']:<20} {row['distribution']} {row['version']}")
+
+
+@app.command()
+def check(name: str, parameters: Parameters = None, as_json: AsJson = False) -> None:
+    """Hold a detector to its contract."""
+    from spoofbench.testing import run_checks
+
+    results = run_checks(name, _values(parameters))
+    if as_json:
+        _print_json([{"check": r.name, "passed": r.passed, "reason": r.reason} for r in results])
+    else:
+        for result in results:
+            typer.echo(f"{'pass' if result.passed else 'FAIL'}  {result.name}{'' if result.passed else ': ' + (result.reason or '')}")
+    if not all(result.passed for result in results):
+        raise typer.Exit(1)
+
+
+def main() -> None:
+    """Run the command line; what a user can cause ends in one sentence and exit code 1."""
+    from spoofbench.errors import SpoofbenchError
+
+    try:
+        app()
+    except SpoofbenchError as error:
+        typer.echo(f"spoofbench: {error}", err=True)
+        sys.exit(1)
+    except OSError as error:
+        typer.echo(f"spoofbench: {error.filename or 'a file'}: {error.strerror or error}", err=True)
+        sys.exit(1)
+
+
+def _leaderboard(results: Path) -> None:
+    from rich.console import Console
+
+    from spoofbench.report import print_leaderboard
+
+    print_leaderboard(results, Console())
+
+
+def _targets(inputs: list[Path], out: Path) -> dict[Path, Path]:
+    if len(inputs) == 1 and not out.is_dir():
+        return {inputs[0]: out}
+    targets: dict[Path, Path] = {}
+    for source in inputs:
+        target = out / f"{source.stem if source.is_file() else source.name}.mcap"
+        if target in targets.values():
+            raise typer.BadParameter(f"two inputs would both become {str(target)!r}; convert them into different folders")
+        targets[source] = target
+    out.mkdir(parents=True, exist_ok=True)
+    return targets
+
+
+def _texts(pairs: list[str] | None) -> dict[str, str]:
+    texts = {}
+    for pair in pairs or []:
+        key, equals, value = pair.partition("=")
+        if not key or not equals:
+            raise typer.BadParameter(f"{pair!r} is not KEY=VALUE")
+        texts[key] = value
+    return texts
+
+
+def _values(pairs: list[str] | None) -> dict[str, Any]:
+    """Read each value as TOML would, and as plain text where it is not TOML."""
+    import tomllib
+
+    values: dict[str, Any] = {}
+    for key, text in _texts(pairs).items():
+        try:
+            values[key] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            values[key] = text
+    return values
+
+
+def _print_json(value: Any) -> None:
+    import json
+
+    typer.echo(json.dumps(value, indent=1, allow_nan=False))
+
+
+@contextmanager
+def _progress() -> Iterator[Any]:
+    """Yield a function that opens a progress bar by name and returns what moves it (0 to 1); bars show on a terminal only."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+
+        def start(name: str) -> Any:
+            bar = bars.add_task(name, total=1.0)
+            return lambda share: bars.update(bar, completed=share)
+
+        yield start
