@@ -1,0 +1,160 @@
+"""The scoring grid: the epochs at which truth and decisions meet."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.detecting import Decisions
+from spoofbench.errors import LimitError, RecordingError
+from spoofbench.recording import Interval, Recording, Table
+from spoofbench.results import Truth
+from spoofbench.schema import TRUTH_TOPIC
+
+GUARD_S = 10.0
+"""Least length of the release guard after an attack."""
+
+MAX_EPOCHS = 5_000_000
+"""Largest grid; a recording whose clock jumps by years would need more."""
+
+Times = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+
+def build_truth(clean: Recording, variant: Recording) -> Truth:
+    """Return the scoring grid of a variant; an unattacked one is its own clean recording.
+
+    The grid has the epochs of the variant's primary PVT, the clean epochs that the variant lacks, and nominal
+    epochs in what gaps remain. Its nominal interval is the median interval of the clean epochs.
+
+    Raises:
+        RecordingError: the clean recording has fewer than two epochs.
+        LimitError: the gaps need more than :data:`MAX_EPOCHS` nominal epochs.
+    """
+    base = _epochs(clean)
+    if len(base) < 2:
+        raise RecordingError(f"a recording with {len(base)} 'gnss/pvt' epochs cannot be scored: two are needed")
+    epoch_ns = int(np.median(np.diff(base.time_ns)))
+    falsified = _epochs(variant)
+    lacking = ~_near(base.time_ns, falsified.time_ns, epoch_ns // 2)
+    time_ns = _with_nominal(np.union1d(falsified.time_ns, base.time_ns[lacking]), epoch_ns)
+    intervals = _intervals(variant)
+    spoofed = within(time_ns, intervals)
+    ours, theirs = _at(falsified, time_ns), _at(base, time_ns)
+    return Truth(
+        time_ns=time_ns,
+        observed=np.isin(time_ns, falsified.time_ns),
+        spoofed=spoofed,
+        guard=release_guard(time_ns, intervals, 0.0) & ~spoofed,
+        lat_deg=ours["lat_deg"],
+        lon_deg=ours["lon_deg"],
+        clean_lat_deg=theirs["lat_deg"],
+        clean_lon_deg=theirs["lon_deg"],
+        position_error_m=_position_error_m(ours, theirs),
+        velocity_error_mps=_norm([ours[name] - theirs[name] for name in ("vel_n_mps", "vel_e_mps", "vel_d_mps")]),
+        epoch_ns=epoch_ns,
+        intervals=intervals,
+    )
+
+
+def within(time_ns: Times, intervals: Sequence[Interval]) -> Flags:
+    """Which times lie within an interval, bool ``(n,)``."""
+    inside = np.zeros(time_ns.size, bool)
+    for interval in intervals:
+        inside |= interval.covers(time_ns)
+    return inside
+
+
+def release_guard(time_ns: Times, intervals: Sequence[Interval], memory_s: float) -> Flags:
+    """Which times lie within ``max(10 s, memory_s)`` after the end of an interval, bool ``(n,)``."""
+    length_ns = round(max(GUARD_S, memory_s) * 1e9)
+    return within(time_ns, [Interval(interval.end_ns, interval.end_ns + length_ns) for interval in intervals])
+
+
+def score_on_grid(decisions: Decisions, truth: Truth, hold_s: float | None) -> Floats:
+    """Return the score that holds at each epoch, float64 ``(n,)``, NaN where unavailable.
+
+    An epoch takes the latest decision after the previous epoch, or with ``hold_s`` the latest that is not older
+    than that. Where there is none, or it is unavailable, so is the epoch.
+    """
+    if decisions.time_ns.size == 0:
+        return np.full(truth.time_ns.size, np.nan)
+    latest = np.searchsorted(decisions.time_ns, truth.time_ns, "right") - 1
+    time_ns = decisions.time_ns[np.maximum(latest, 0)]
+    if hold_s is None:
+        fresh = time_ns > np.concatenate([truth.time_ns[:1] - truth.epoch_ns, truth.time_ns[:-1]])
+    else:
+        fresh = truth.time_ns - time_ns <= round(hold_s * 1e9)
+    return np.where((latest >= 0) & fresh, decisions.score[latest], np.nan)
+
+
+def on_grid(decisions: Decisions, truth: Truth, hold_s: float | None) -> tuple[Flags, Flags]:
+    """Return ``(alert, available)`` at each epoch, bool ``(n,)`` each; see :func:`score_on_grid`."""
+    score = score_on_grid(decisions, truth, hold_s)
+    return score > 1, ~np.isnan(score)
+
+
+def _epochs(recording: Recording) -> Table:
+    """The primary PVT, one row per time; empty where an attack that does not model it has removed it."""
+    if not recording.topics("gnss/pvt"):
+        return Table("gnss/pvt", np.empty(0, np.int64), {})
+    table = recording.primary("gnss/pvt")
+    return table.take(np.unique(table.time_ns, return_index=True)[1])
+
+
+def _intervals(variant: Recording) -> tuple[Interval, ...]:
+    if TRUTH_TOPIC not in variant:
+        return ()
+    truth = variant[TRUTH_TOPIC]
+    return tuple(sorted(Interval(start, end) for start, end in zip(truth["start_ns"].tolist(), truth["end_ns"].tolist(), strict=True)))
+
+
+def _near(time_ns: Times, others: Times, distance_ns: int) -> Flags:
+    """Which times have one of the others at most this far away."""
+    if others.size == 0:
+        return np.zeros(time_ns.size, bool)
+    after = np.searchsorted(others, time_ns).clip(0, others.size - 1)
+    before = (after - 1).clip(0)
+    near: Flags = np.minimum(abs(others[after] - time_ns), abs(others[before] - time_ns)) <= distance_ns
+    return near
+
+
+def _with_nominal(time_ns: Times, epoch_ns: int) -> Times:
+    """Fill gaps with epochs at whole intervals after the last one before the gap."""
+    missing = np.maximum((np.diff(time_ns) + epoch_ns // 2) // epoch_ns - 1, 0)
+    if time_ns.size + int(missing.sum()) > MAX_EPOCHS:
+        raise LimitError(
+            f"the gaps between the 'gnss/pvt' epochs need {int(missing.sum())} nominal epochs, more than {MAX_EPOCHS}; split the recording"
+        )
+    counts = np.append(missing + 1, 1)
+    first = np.repeat(np.cumsum(counts) - counts, counts)
+    filled: Times = np.repeat(time_ns, counts) + (np.arange(counts.sum()) - first) * epoch_ns
+    return filled
+
+
+def _at(table: Table, time_ns: Times) -> dict[str, Floats]:
+    """The PVT fields that the truth compares, at equal times; NaN elsewhere."""
+    row = np.searchsorted(table.time_ns, time_ns).clip(0, max(len(table) - 1, 0))
+    equal = table.time_ns[row] == time_ns if len(table) else np.zeros(time_ns.size, bool)
+    names = ("lat_deg", "lon_deg", "height_m", "height_msl_m", "vel_n_mps", "vel_e_mps", "vel_d_mps")
+    columns = {name: np.full(time_ns.size, np.nan) for name in names}
+    for name in names:
+        columns[name][equal] = table[name][row[equal]]
+    return columns
+
+
+def _position_error_m(ours: dict[str, Floats], theirs: dict[str, Floats]) -> Floats:
+    """3-D distance; where either lacks the ellipsoidal height, both give that above mean sea level."""
+    from pymap3d import geodetic2ecef
+
+    no_height = np.isnan(ours["height_m"]) | np.isnan(theirs["height_m"])
+    places = []
+    for side in (ours, theirs):
+        height_m = np.where(no_height, side["height_msl_m"], side["height_m"])
+        places.append(np.stack(geodetic2ecef(side["lat_deg"], side["lon_deg"], height_m)))
+    return _norm(list(places[0] - places[1]))
+
+
+def _norm(components: list[Floats]) -> Floats:
+    return np.sqrt(sum((component * component for component in components), start=np.zeros(components[0].size)))
