@@ -1,0 +1,294 @@
+"""What every detector must keep, as checks that name the law that is broken."""
+
+import dataclasses
+import inspect
+import math
+import os
+import pickle
+import random
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from spoofbench.detecting import Detector
+from spoofbench.recording import Recording, Table
+from spoofbench.schema import SENSOR_KINDS, split_topic
+from spoofbench.testing.futures import cuts, futures
+from spoofbench.testing.isolated import decide_alone
+from spoofbench.testing.subject import CheckFailed, Subject, decide, decide_if_possible, difference, examples
+
+if TYPE_CHECKING:
+    import pytest
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """What a check said: its name, whether the detector passed, and if not, why."""
+
+    name: str
+    passed: bool
+    reason: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One law, ready to be called.
+
+    Raises:
+        CheckFailed: the detector breaks the law.
+    """
+
+    law: Callable[[Subject], None]
+    subject: Subject
+
+    def __call__(self) -> None:
+        self.law(self.subject)
+
+    def __str__(self) -> str:
+        return self.law.__name__
+
+
+def detector_checks(detector: str | Detector, **parameters: Any) -> "pytest.MarkDecorator":
+    """Parametrise a test's argument ``check`` with all checks of a detector.
+
+    Args:
+        detector: name of an entry point of ``spoofbench.detectors``, or an instance.
+        parameters: of the entry point's dataclass.
+    """
+    import pytest
+
+    subject = Subject(detector, MappingProxyType(parameters))
+    return pytest.mark.parametrize("check", [Check(law, subject) for law in LAWS], ids=str)
+
+
+def run_checks(detector: str | Detector, parameters: Mapping[str, Any] = MappingProxyType({})) -> list[CheckResult]:
+    """Run all checks of a detector and return what each said.
+
+    Raises:
+        PluginError: there is no such detector, it cannot be loaded, or it refuses the parameters.
+    """
+    subject = Subject(detector, parameters)
+    _ = subject.detector
+    return [_result(Check(law, subject)) for law in LAWS]
+
+
+def _result(check: Check) -> CheckResult:
+    try:
+        check()
+    except CheckFailed as failure:
+        return CheckResult(str(check), False, str(failure))
+    except Exception as error:  # noqa: BLE001  a plugin may raise anything
+        return CheckResult(str(check), False, f"{type(error).__name__}: {error}")
+    return CheckResult(str(check), True, None)
+
+
+def _require(condition: bool, reason: str) -> None:
+    if not condition:
+        raise CheckFailed(reason)
+
+
+def _require_same(reason: str | None, where: str) -> None:
+    _require(reason is None, f"{where}: {reason}")
+
+
+def is_a_frozen_dataclass(subject: Subject) -> None:
+    """Loaded by its entry point it is a frozen dataclass whose parameters are named."""
+    detector: Any = subject.detector
+    _require(dataclasses.is_dataclass(detector) and not isinstance(detector, type), f"{detector!r} is not an instance of a dataclass")
+    _require(detector.__dataclass_params__.frozen, f"{type(detector).__name__} is not frozen: write @dataclass(frozen=True)")
+    _require(isinstance(detector, Detector), f"{type(detector).__name__} lacks one of requires, uses, memory_s, detect")
+    loose = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
+    for parameter in inspect.signature(type(detector)).parameters.values():
+        _require(parameter.kind not in loose, f"parameter {parameter} has no name: parameters must be fields")
+
+
+def declares_its_needs(subject: Subject) -> None:
+    """``requires`` and ``uses`` are kinds of the schema, ``memory_s`` is a finite number of seconds."""
+    detector = subject.detector
+    for name, kinds in (("requires", detector.requires), ("uses", detector.uses)):
+        _require(isinstance(kinds, tuple), f"{name} must be a tuple of kinds, not {kinds!r}")
+        for kind in kinds:
+            _require(kind in SENSOR_KINDS, f"{name} has {kind!r}, which is not one of {sorted(SENSOR_KINDS)}")
+    memory = detector.memory_s
+    number = isinstance(memory, int | float) and not isinstance(memory, bool)
+    _require(number and math.isfinite(memory) and memory >= 0, f"memory_s must be a finite number of at least 0, not {memory!r}")
+
+
+def decides(subject: Subject) -> None:
+    """It gives decisions on ordinary drives, an available one at least; no score is -inf."""
+    for name, decisions in subject.decided.items():
+        lowest = decisions.score[decisions.available].min(initial=np.inf)
+        _require(lowest > -np.inf, f"on {name} a score is -inf: scores must be finite or +inf")
+    available = any(decisions.available.any() for decisions in subject.decided.values())
+    _require(available, "no decision is available on any drive of up to 240 s, so no other check means anything: try shorter time spans")
+
+
+def keeps_causality(subject: Subject) -> None:
+    """Decisions at or before t stay when the rows after t are cut off, scrambled or altered."""
+    for index, example in enumerate(examples()):
+        blind = example.recording.blind()
+        expected = subject.decided[example.name]
+        for time_ns in cuts(blind.primary("gnss/pvt").time_ns, thorough=index == 0):
+            for change, other in futures(blind, time_ns):
+                reason = difference(expected, decide_if_possible(subject.detector, other), time_ns)
+                _require_same(reason, f"on {example}, with the rows after {time_ns} {change}, an earlier decision changes")
+
+
+def leaves_the_recording(subject: Subject) -> None:
+    """The recording is the same after the call."""
+    for example in examples():
+        blind = example.recording.blind()
+        digest, metadata = blind.digest(), _plain(blind)
+        subject.detector.detect(blind)
+        _require(blind.digest() == digest and _plain(blind) == metadata, f"detect() alters the recording of {example}")
+
+
+def _plain(recording: Recording) -> dict[str, dict[str, str]]:
+    return {name: dict(record) for name, record in recording.metadata.items()}
+
+
+def keeps_no_state(subject: Subject) -> None:
+    """A recording's decisions do not depend on what was seen before it."""
+    fresh: Detector = pickle.loads(pickle.dumps(subject.detector))
+    for example in reversed(examples()):
+        for who, detector in (("the same", subject.detector), ("another", fresh)):
+            reason = difference(subject.decided[example.name], decide(detector, example.recording))
+            _require_same(reason, f"on {example}, {who} instance decides otherwise after other recordings")
+
+
+def leaves_the_process(subject: Subject) -> None:
+    """The global random generators, numpy's error state, the folder and the environment stay as they are."""
+    before = _process_state()
+    decide(subject.detector, examples()[0].recording)
+    for name, value in _process_state().items():
+        _require(value == before[name], f"detect() changes {name} of the process")
+
+
+def _process_state() -> dict[str, Any]:
+    name, keys, *rest = np.random.get_state()  # noqa: NPY002  the very state that must stay
+    state = {"numpy's global random generator": (name, np.asarray(keys).tobytes(), *rest), "the random module": random.getstate()}
+    return {**state, "numpy's error state": np.geterr(), "the folder": os.getcwd(), "the environment": dict(os.environ)}  # noqa: PTH109
+
+
+def is_deterministic(subject: Subject) -> None:
+    """The same twice, whatever the state of the global random generators."""
+    numpy_state, state = np.random.get_state(), random.getstate()  # noqa: NPY002
+    try:
+        for example in examples():
+            for seed in (1, 2):
+                random.seed(seed)
+                np.random.seed(seed)  # noqa: NPY002
+                reason = difference(subject.decided[example.name], decide(subject.detector, example.recording))
+                _require_same(reason, f"on {example}, a second run decides otherwise")
+    finally:
+        random.setstate(state)
+        np.random.set_state(numpy_state)  # noqa: NPY002
+
+
+def needs_nothing_but_the_blind_recording(subject: Subject) -> None:
+    """Alone with blind recordings in another process it decides the same and reaches for no file or network."""
+    backwards = tuple(reversed(examples()))
+    answer = decide_alone(subject.detector, [example.recording for example in backwards])
+    for example, decisions in zip(backwards, answer.decisions, strict=True):
+        reason = difference(subject.decided[example.name], decisions)
+        _require_same(reason, f"on {example}, it decides otherwise in a process that has the blind recording alone")
+    _require(answer.reached is None, f"detect() reaches beyond the recording: {answer.reached}")
+
+
+def pickles(subject: Subject) -> None:
+    """It can go to another process and is equal there."""
+    copied = pickle.loads(pickle.dumps(subject.detector))
+    _require(copied == subject.detector, f"{subject.detector!r} comes back from pickle as {copied!r}")
+
+
+def does_without_what_it_does_not_require(subject: Subject) -> None:
+    """Kinds beyond ``requires``, second sources and metadata may be missing."""
+    recording = examples()[0].recording.blind()
+    needed = Recording({topic: table for topic, table in recording.items() if split_topic(topic)[1] in subject.detector.requires})
+    decide(subject.detector, needed)
+
+
+def says_what_is_missing(subject: Subject) -> None:
+    """Without a required kind it raises nothing but a clear error, even when the harness does not ask first."""
+    blind = examples()[0].recording.blind()
+    for kind in subject.detector.requires:
+        without = blind.replace(dict.fromkeys(blind.topics(kind)))
+        decide_if_possible(_Unasked(subject.detector), without)
+
+
+@dataclass(frozen=True)
+class _Unasked:
+    """A detector that claims to require nothing."""
+
+    detector: Detector
+    requires: tuple[str, ...] = ()
+    uses: tuple[str, ...] = ()
+    memory_s: float = 0.0
+
+    def detect(self, recording: Recording) -> Any:
+        return self.detector.detect(recording)
+
+
+def survives_poor_recordings(subject: Subject) -> None:
+    """Poor recordings give decisions, unavailable ones, or one clear error; never anything else."""
+    for name, recording in _poor(examples()[1].recording.blind()):
+        try:
+            decisions = decide_if_possible(subject.detector, recording)
+        except Exception as error:
+            raise CheckFailed(f"on {name} it raises {type(error).__name__}: {error}") from error
+        if decisions is not None:
+            lowest = decisions.score[decisions.available].min(initial=np.inf)
+            _require(lowest > -np.inf, f"on {name} a score is -inf: scores must be finite or +inf")
+
+
+def _poor(recording: Recording) -> Iterator[tuple[str, Recording]]:
+    span, rng = recording.span, np.random.default_rng(4)
+    start, end = span.start_ns, span.end_ns
+    third = (end - start) // 3
+
+    def each(change: Callable[[Table], Table]) -> Recording:
+        return Recording({topic: change(table) for topic, table in recording.items()}, recording.metadata)
+
+    def floats(table: Table, change: Callable[[Any], Any]) -> Table:
+        return table.replace(**{name: change(table[name]) for name in table if table[name].dtype.kind == "f"})
+
+    yield "a recording without rows", recording.until(start - 1)
+    yield "a recording of one row each", each(lambda table: table.take(slice(0, 1)))
+    yield "a recording of two rows each", each(lambda table: table.take(slice(0, 2)))
+    yield "a recording without values", each(lambda table: Table(table.kind.name, table.time_ns, {}))
+    yield "a recording of zeros", each(lambda table: floats(table, np.zeros_like))
+    yield (
+        "a recording with a third of the values missing",
+        each(lambda table: floats(table, lambda values: np.where(rng.random(values.size) < 1 / 3, np.nan, values))),
+    )
+    yield "a recording with every time twice", each(lambda table: table.take(np.repeat(np.arange(len(table)), 2)))
+    yield "a recording of one time", each(lambda table: Table(table.kind.name, np.full(len(table), start), dict(_columns(table))))
+    yield "a recording with a gap", each(lambda table: table.take((table.time_ns < start + third) | (table.time_ns > end - third)))
+    for kind in sorted(recording.kinds):
+        late = {topic: recording[topic].take(recording[topic].time_ns > end - third) for topic in recording.topics(kind)}
+        early = {topic: recording[topic].until(start + third) for topic in recording if topic not in late}
+        yield f"a recording whose {kind} begins after all else has ended", recording.replace({**early, **late})
+
+
+def _columns(table: Table) -> Iterator[tuple[str, Any]]:
+    return ((name, table.column(name)) for name in table)
+
+
+LAWS: tuple[Callable[[Subject], None], ...] = (
+    is_a_frozen_dataclass,
+    declares_its_needs,
+    decides,
+    keeps_causality,
+    leaves_the_recording,
+    keeps_no_state,
+    leaves_the_process,
+    is_deterministic,
+    needs_nothing_but_the_blind_recording,
+    pickles,
+    does_without_what_it_does_not_require,
+    says_what_is_missing,
+    survives_poor_recordings,
+)
