@@ -1,0 +1,161 @@
+"""Measures: laws that they obey, and agreement with loops that spell the definitions out."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spoofbench.recording import Interval
+from spoofbench.scoring import measures
+from spoofbench.scoring.measures import Flags, Times
+
+S = 1_000_000_000
+
+
+class Run(NamedTuple):
+    time_ns: Times
+    alert: Flags
+    available: Flags
+
+
+@st.composite
+def runs(draw: st.DrawFn, most: int = 8) -> Run:
+    """Stretches of alert, silence and unavailability at 1 Hz, from one epoch to beyond a minute long."""
+    pieces = draw(st.lists(st.tuples(st.integers(1, 70) | st.integers(1, 12), st.booleans(), st.booleans()), min_size=1, max_size=most))
+    alert = np.array([on for length, on, _ in pieces for _ in range(length)])
+    available = np.array([usable for length, _, usable in pieces for _ in range(length)])
+    return Run(np.arange(alert.size) * S, alert, available)
+
+
+@st.composite
+def attacks(draw: st.DrawFn, end: int = 300) -> list[Interval]:
+    bounds = sorted(draw(st.lists(st.integers(0, end), max_size=6, unique=True)))
+    return [Interval(a * S, b * S) for a, b in zip(bounds[::2], bounds[1::2], strict=False)]
+
+
+def episodes_by_loop(run: Run) -> int:
+    """Walk the epochs with a clock that ticks at available ones only."""
+    clock, first, last, count = 0, None, None, 0
+    for on, usable in zip(run.alert, run.available, strict=True):
+        if not usable:
+            continue
+        clock += 1
+        if not on:
+            continue
+        if first is None or last is None or clock - last >= 10:
+            first, count = clock, count + 1
+        elif (clock - first) // 60 > (last - first) // 60:
+            count += 1
+        last = clock
+    return count
+
+
+@given(runs())
+def test_episodes_agree_with_a_loop(run: Run) -> None:
+    assert measures.count_episodes(run.time_ns, run.alert, run.available, S) == episodes_by_loop(run)
+
+
+@pytest.mark.parametrize(
+    ("alerts", "unavailable", "episodes"),
+    [
+        ([5, 14], [], 1),
+        ([5, 15], [], 2),
+        (range(60), [], 1),
+        (range(61), [], 2),
+        ([5, 30], range(6, 30), 1),
+        ([5, 30], range(6, 21), 2),
+        ([5, 100], range(6, 100), 1),
+        ([], [], 0),
+    ],
+)
+def test_where_episodes_begin_and_count_again(alerts: list[int], unavailable: list[int], episodes: int) -> None:
+    alert, available = np.zeros(200, bool), np.ones(200, bool)
+    alert[list(alerts)], available[list(unavailable)] = True, False
+    assert measures.count_episodes(np.arange(200) * S, alert, available, S) == episodes
+
+
+@given(runs(), st.integers(1, 4))
+def test_copies_have_as_many_times_the_episodes_at_the_same_rate(run: Run, copies: int) -> None:
+    quiet = np.zeros(10, bool)
+    alert, available = (np.tile(np.append(flags, ends), copies) for flags, ends in ((run.alert, quiet), (run.available, ~quiet)))
+    one = measures.false_alerts(np.arange(run.alert.size + 10) * S, *(flags[: run.alert.size + 10] for flags in (alert, available)), S)
+    many = measures.false_alerts(np.arange(alert.size) * S, alert, available, S)
+    assert many.episodes == copies * one.episodes
+    assert many.hours == pytest.approx(copies * one.hours)
+    assert many.per_hour == pytest.approx(one.per_hour)
+    assert many.epoch == pytest.approx(one.epoch)
+    assert many.per_hour_hi is not None
+    assert one.per_hour_hi is not None
+    assert many.per_hour_hi <= one.per_hour_hi * (1 + 1e-12)
+
+
+@given(runs())
+def test_a_rate_lies_within_its_interval_and_says_what_it_can_resolve(run: Run) -> None:
+    false = measures.false_alerts(run.time_ns, run.alert, run.available, S)
+    if false.per_hour is None:
+        assert not run.available.any()
+        assert (false.per_hour_lo, false.per_hour_hi, false.floor_per_hour, false.epoch, false.episodes) == (None, None, None, None, 0)
+        return
+    assert false.per_hour_lo is not None
+    assert false.per_hour_hi is not None
+    assert false.per_hour_lo <= false.per_hour <= false.per_hour_hi
+    assert false.floor_per_hour == pytest.approx(3 / false.hours)
+
+
+@given(runs(), attacks(), st.data())
+def test_one_more_alert_never_lowers_detection(run: Run, intervals: list[Interval], data: st.DataObject) -> None:
+    spoofed = np.zeros(run.alert.size, bool)
+    for interval in intervals:
+        spoofed |= interval.covers(run.time_ns)
+    more = run.alert.copy()
+    more[data.draw(st.integers(0, more.size - 1))] = True
+    for before, after in zip(
+        measures.detection_pct(run.alert, run.available, spoofed), measures.detection_pct(more, run.available, spoofed), strict=True
+    ):
+        assert (before is None and after is None) or (before is not None and after is not None and after >= before)
+
+
+@given(runs(), attacks())
+def test_detection_counts_epochs(run: Run, intervals: list[Interval]) -> None:
+    spoofed = [any(i.start_ns <= t < i.end_ns for i in intervals) for t in run.time_ns.tolist()]
+    hits = sum(s and a and u for s, a, u in zip(spoofed, run.alert, run.available, strict=True))
+    usable = sum(s and u for s, u in zip(spoofed, run.available, strict=True))
+    over_all, over_available = measures.detection_pct(run.alert, run.available, np.array(spoofed))
+    assert over_all == (100 * hits / sum(spoofed) if any(spoofed) else None)
+    assert over_available == (100 * hits / usable if usable else None)
+
+
+@given(runs(), attacks())
+def test_events_agree_with_a_loop(run: Run, intervals: list[Interval]) -> None:
+    found = measures.find_events(run.time_ns, run.alert, run.available, intervals)
+    assert len(found) == len(intervals)
+    for interval, event in zip(intervals, found, strict=True):
+        on, before, detection = False, False, None
+        for time, alert, usable in zip(run.time_ns.tolist(), run.alert, run.available, strict=True):
+            if not usable:
+                continue
+            if time < interval.start_ns:
+                before = alert
+            elif time < interval.end_ns and alert and not on and detection is None:
+                detection = time
+            on = alert
+        assert event == measures.Event(interval, bool(before), detection)
+        assert event.observed_s <= interval.duration_s
+        assert event.detected == (event.ttfd_s is not None)
+
+
+def test_time_to_detection_uses_the_times_of_the_decisions() -> None:
+    times = np.array([0, 900_000_000, 2_250_000_000], np.int64)
+    (event,) = measures.find_events(times, np.array([False, False, True]), np.ones(3, bool), [Interval(S, 3 * S)])
+    assert event.ttfd_s == 1.25
+
+
+def test_position_errors() -> None:
+    time_ns, error_m = np.arange(5) * S, np.array([0.0, 10.0, np.nan, 40.0, 20.0])
+    assert measures.error_at(time_ns, error_m, S + 999) == 10.0
+    assert measures.error_at(time_ns, error_m, 2 * S) is None
+    assert measures.error_at(time_ns, error_m, -1) is None
+    assert measures.largest_error(error_m, np.array([True, True, True, False, True])) == 20.0
+    assert measures.largest_error(error_m, np.array([False, False, True, False, False])) is None
