@@ -1,0 +1,181 @@
+"""Scores of a results folder, from its raw decisions and truth alone.
+
+``scores.parquet`` has one row per task, ``events.parquet`` one per task and attack interval, both in the order of
+``tasks.parquet``. A task that failed scores as a detector that was never available: its attacks are missed and
+its clean hours are none. Tasks that were skipped or not modelled have nulls.
+"""
+
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from spoofbench.detecting import Decisions
+from spoofbench.errors import ResultsError
+from spoofbench.results import FAILURES, Task, Truth, read_outcome, read_tasks, read_truth, write_parquet
+from spoofbench.scoring.estimates import partial_auc, roc
+from spoofbench.scoring.grid import release_guard, score_on_grid, within
+from spoofbench.scoring.measures import Event, detection_pct, error_at, false_alerts, find_events, largest_error, share
+
+P_FA_LIMIT = 0.01
+"""Largest P_FA per epoch that the partial area under the ROC curve looks at."""
+
+SCORE_SCHEMA = pa.schema(
+    [
+        ("recording", pa.string()),
+        ("attack", pa.string()),
+        ("seed", pa.int64()),
+        ("detector", pa.string()),
+        ("status", pa.string()),
+        ("reason", pa.string()),
+        ("far_per_hour", pa.float64()),
+        ("far_per_hour_lo", pa.float64()),
+        ("far_per_hour_hi", pa.float64()),
+        ("far_epoch", pa.float64()),
+        ("alert_fraction", pa.float64()),
+        ("detection_pct", pa.float64()),
+        ("detection_pct_available", pa.float64()),
+        ("ttfd_s", pa.float64()),
+        ("detected", pa.bool_()),
+        ("availability", pa.float64()),
+        ("position_error_at_detection_m", pa.float64()),
+        ("largest_undetected_position_error_m", pa.float64()),
+        ("partial_auc", pa.float64()),
+        ("far_floor_per_hour", pa.float64()),
+        ("episodes", pa.int64()),
+        ("available_clean_h", pa.float64()),
+        ("epochs", pa.int64()),
+        ("task_id", pa.string()),
+        ("session", pa.string()),
+    ]
+)
+
+EVENT_SCHEMA = pa.schema(
+    [
+        ("recording", pa.string()),
+        ("attack", pa.string()),
+        ("seed", pa.int64()),
+        ("detector", pa.string()),
+        ("start_ns", pa.int64()),
+        ("end_ns", pa.int64()),
+        ("length_s", pa.float64()),
+        ("alert_before", pa.bool_()),
+        ("detected", pa.bool_()),
+        ("ttfd_s", pa.float64()),
+        ("position_error_at_detection_m", pa.float64()),
+        ("largest_undetected_position_error_m", pa.float64()),
+        ("task_id", pa.string()),
+        ("session", pa.string()),
+    ]
+)
+
+_NEVER_AVAILABLE = Decisions([], [], [])
+_Cells = dict[str, Any]
+_Floats = NDArray[np.float64]
+
+
+def score_folder(folder: Path) -> None:
+    """Write ``scores.parquet`` and ``events.parquet``: same folder, same bytes.
+
+    ``detected`` and ``ttfd_s`` of a task are those of its first attack interval; the events have them all.
+
+    Raises:
+        ResultsError: a file of the folder is missing or damaged.
+    """
+    tasks = read_tasks(folder)
+    rows: list[_Cells] = [_identity(task) | {"status": task.status, "reason": task.reason} for task in tasks]
+    events: list[list[_Cells]] = [[] for _ in tasks]
+    clean_scores: dict[tuple[str, str], _Floats] = {}
+
+    def by_variant(index: int) -> tuple[bool, str]:
+        return tasks[index].attack is not None, tasks[index].variant_id
+
+    scored = [index for index, task in enumerate(tasks) if task.status == "ok" or task.status in FAILURES]
+    for (_, variant_id), indices in groupby(sorted(scored, key=by_variant), by_variant):
+        truth = read_truth(folder, variant_id)
+        for index in indices:
+            task = tasks[index]
+            decisions = _decisions(folder, task)
+            score = score_on_grid(decisions, truth, task.hold_s)
+            if task.attack is None:
+                clean_scores[task.recording, task.detector] = score[_clean(truth, task)]
+            events[index] = _events(task, truth, decisions, score > 1)
+            rows[index] |= _alerts(task, truth, score) | _detection(truth, score, events[index])
+            rows[index]["partial_auc"] = _partial_auc(clean_scores.get((task.recording, task.detector)), score[truth.spoofed])
+    write_parquet(folder / "scores.parquet", pa.Table.from_pylist(rows, SCORE_SCHEMA))
+    write_parquet(folder / "events.parquet", pa.Table.from_pylist([event for some in events for event in some], EVENT_SCHEMA))
+
+
+def _identity(task: Task) -> _Cells:
+    return {name: getattr(task, name) for name in ("recording", "attack", "seed", "detector", "task_id", "session")}
+
+
+def _decisions(folder: Path, task: Task) -> Decisions:
+    if task.status in FAILURES:
+        return _NEVER_AVAILABLE
+    outcome = read_outcome(folder, task.task_id)
+    if outcome is None or outcome.decisions is None:
+        raise ResultsError(f"task {task.task_id!r} is ok but {folder} has no decisions of it; resume the run")
+    return outcome.decisions
+
+
+def _clean(truth: Truth, task: Task) -> NDArray[np.bool_]:
+    """Epochs neither spoofed nor within the release guard."""
+    return ~(within(truth.time_ns, truth.intervals) | release_guard(truth.time_ns, truth.intervals, task.memory_s))
+
+
+def _alerts(task: Task, truth: Truth, score: _Floats) -> _Cells:
+    """Alerts over all epochs and, of an unattacked task, false alerts over the clean ones."""
+    available, alert, every = ~np.isnan(score), score > 1, np.ones(score.size, bool)
+    cells: _Cells = {"epochs": score.size, "availability": share(available, every), "alert_fraction": share(alert, every)}
+    if task.attack is not None:
+        return cells
+    false = false_alerts(truth.time_ns, alert, available & _clean(truth, task), truth.epoch_ns)
+    return cells | {
+        "far_per_hour": false.per_hour,
+        "far_per_hour_lo": false.per_hour_lo,
+        "far_per_hour_hi": false.per_hour_hi,
+        "far_floor_per_hour": false.floor_per_hour,
+        "far_epoch": false.epoch,
+        "episodes": false.episodes,
+        "available_clean_h": false.hours,
+    }
+
+
+def _detection(truth: Truth, score: _Floats, events: list[_Cells]) -> _Cells:
+    alert = score > 1
+    over_all, over_available = detection_pct(alert, ~np.isnan(score), truth.spoofed)
+    first = events[0] if events else {}
+    return {
+        "detection_pct": over_all,
+        "detection_pct_available": over_available,
+        "largest_undetected_position_error_m": largest_error(truth.position_error_m, truth.spoofed & ~alert),
+        **{name: first.get(name) for name in ("detected", "ttfd_s", "position_error_at_detection_m")},
+    }
+
+
+def _events(task: Task, truth: Truth, decisions: Decisions, alert: NDArray[np.bool_]) -> list[_Cells]:
+    found = find_events(decisions.time_ns, decisions.alert, decisions.available, truth.intervals)
+    return [_identity(task) | _event(truth, event, alert) for event in found]
+
+
+def _event(truth: Truth, event: Event, alert: NDArray[np.bool_]) -> _Cells:
+    error_m, at_ns = truth.position_error_m, event.detection_ns
+    return {
+        "start_ns": event.interval.start_ns,
+        "end_ns": event.interval.end_ns,
+        "length_s": event.interval.duration_s,
+        "alert_before": event.alert_before,
+        "detected": event.detected,
+        "ttfd_s": event.ttfd_s,
+        "position_error_at_detection_m": None if at_ns is None else error_at(truth.time_ns, error_m, at_ns),
+        "largest_undetected_position_error_m": largest_error(error_m, event.interval.covers(truth.time_ns) & ~alert),
+    }
+
+
+def _partial_auc(clean_score: _Floats | None, spoofed_score: _Floats) -> float | None:
+    curve = None if clean_score is None else roc(clean_score, spoofed_score)
+    return None if curve is None else partial_auc(*curve, P_FA_LIMIT)

@@ -1,0 +1,127 @@
+"""A results folder is scored from its files alone, row by row, failures included."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spoofbench.detecting import Decisions
+from spoofbench.errors import ResultsError
+from spoofbench.scoring.folder import SCORE_SCHEMA, score_folder
+
+FIRST_COLUMNS = """
+recording attack seed detector status reason far_per_hour far_per_hour_lo far_per_hour_hi far_epoch alert_fraction detection_pct
+detection_pct_available ttfd_s detected availability position_error_at_detection_m
+"""
+
+
+def test_columns_come_in_the_documented_order(bench: Any) -> None:
+    assert SCORE_SCHEMA.names[:17] == FIRST_COLUMNS.split()
+    bench.add("d")
+    assert list(bench.score()[0]) == SCORE_SCHEMA.names
+
+
+def test_an_unattacked_task_has_false_alerts_and_no_detection(bench: Any) -> None:
+    bench.add("d", alerts=[20, 25, 80], unavailable=range(150, 200))
+    (row,) = bench.score()
+    assert row["episodes"] == 2
+    assert row["far_per_hour"] == pytest.approx(2 / (150 / 3600))
+    assert row["far_epoch"] == 3 / 150
+    assert row["available_clean_h"] == pytest.approx(150 / 3600)
+    assert row["availability"] == 0.75
+    assert row["alert_fraction"] == 3 / 200
+    for name in ("detection_pct", "detection_pct_available", "ttfd_s", "detected", "position_error_at_detection_m", "partial_auc"):
+        assert row[name] is None, name
+    assert bench.rows("events") == []
+
+
+def test_an_attacked_task_has_detection_and_no_false_alerts(bench: Any) -> None:
+    bench.add("d")
+    bench.add("d", "replay", alerts=[5, *range(110, 150)], unavailable=range(150, 160))
+    row = bench.score()[1]
+    assert row["detection_pct"] == pytest.approx(100 * 40 / 60)
+    assert row["detection_pct_available"] == 80
+    assert (row["detected"], row["ttfd_s"]) == (True, 10)
+    assert row["position_error_at_detection_m"] == 11
+    assert row["largest_undetected_position_error_m"] == 60
+    assert row["partial_auc"] == pytest.approx(40 / 60, abs=0.01)
+    for name in ("far_per_hour", "far_per_hour_lo", "far_per_hour_hi", "far_epoch", "far_floor_per_hour", "episodes"):
+        assert row[name] is None, name
+    (event,) = bench.rows("events")
+    assert (event["start_ns"], event["length_s"], event["ttfd_s"]) == (100_000_000_000, 60, 10)
+
+
+@pytest.mark.parametrize("status", ["failed", "timeout", "out_of_memory"])
+def test_a_failure_is_a_miss(bench: Any, status: str) -> None:
+    bench.add("d", status=status)
+    bench.add("d", "replay", status=status)
+    clean, attacked = bench.score()
+    assert (clean["status"], clean["reason"]) == (status, f"it is {status}")
+    assert (clean["far_per_hour"], clean["far_epoch"], clean["available_clean_h"], clean["availability"]) == (None, None, 0, 0)
+    assert (attacked["detection_pct"], attacked["detection_pct_available"], attacked["detected"]) == (0, None, False)
+    assert attacked["ttfd_s"] is None
+    (event,) = bench.rows("events")
+    assert (event["detected"], event["ttfd_s"], event["length_s"]) == (False, None, 60)
+
+
+@pytest.mark.parametrize("status", ["skipped", "not_modelled"])
+def test_what_could_not_be_tried_is_null(bench: Any, status: str) -> None:
+    bench.add("d", "replay", status=status)
+    (row,) = bench.score()
+    known = {"recording", "attack", "seed", "detector", "status", "reason", "task_id", "session"}
+    assert {name for name, value in row.items() if value is not None} == known
+    assert bench.rows("events") == []
+
+
+def test_an_attack_in_the_unattacked_recording_is_neither_clean_nor_within_the_guard(bench: Any) -> None:
+    """A field recording may itself hold an attack: here at 100-160 s, with a memory of 20 s after it."""
+    bench.add("d", "real", alerts=[50, 120, 175], memory_s=20.0)
+    bench.tasks[0] = replace(bench.tasks[0], attack=None)
+    (row,) = bench.score()
+    assert (row["episodes"], row["available_clean_h"]) == (1, 120 / 3600)
+    assert row["detection_pct"] == pytest.approx(100 / 60)
+
+
+@pytest.mark.parametrize(("hold_s", "pct", "available_pct"), [(None, 10, 100), (4.0, 50, 100), (20.0, 100, 100)])
+def test_a_hold_keeps_a_slow_detector_available(bench: Any, hold_s: float | None, pct: float, available_pct: float) -> None:
+    bench.add("d", "replay", hold_s=hold_s)
+    slow = Decisions(np.arange(0, 200, 10) * 1_000_000_000, np.full(20, 2.0), np.ones(20, bool))
+    write_outcome(bench.path, "t0", Outcome("ok", None, slow))
+    (row,) = bench.score()
+    assert row["detection_pct"] == pytest.approx(pct)
+    assert row["detection_pct_available"] == pytest.approx(available_pct)
+    assert row["availability"] == pytest.approx(pct / 100)
+
+
+def test_same_folder_same_bytes(bench: Any) -> None:
+    bench.add("d", "replay", alerts=[110])
+    bench.add("d")
+    bench.score()
+    names = ("scores.parquet", "events.parquet")
+    before = [(bench.path / name).read_bytes() for name in names]
+    score_folder(bench.path)
+    assert [(bench.path / name).read_bytes() for name in names] == before
+
+
+def test_rows_keep_the_order_of_the_tasks(bench: Any) -> None:
+    for detector in ("b", "a"):
+        bench.add(detector, "replay", alerts=[110])
+        bench.add(detector)
+    rows = bench.score()
+    assert [row["task_id"] for row in rows] == ["t0", "t1", "t2", "t3"]
+    assert [row["partial_auc"] is None for row in rows] == [False, True, False, True]
+
+
+def test_a_damaged_folder_is_said_in_one_sentence(bench: Any, tmp_path: Path) -> None:
+    with pytest.raises(ResultsError, match="cannot be read"):
+        score_folder(tmp_path / "nowhere")
+    bench.add("d")
+    bench.score()
+    (bench.path / "decisions" / "t0.parquet").unlink()
+    with pytest.raises(ResultsError, match="task 't0' is ok but"):
+        score_folder(bench.path)
+    next((bench.path / "truth").iterdir()).unlink()
+    with pytest.raises(ResultsError, match="cannot be read"):
+        score_folder(bench.path)
