@@ -9,6 +9,7 @@ import pytest
 
 from spoofbench.detecting import Decisions
 from spoofbench.errors import ResultsError
+from spoofbench.results import Outcome, write_outcome
 from spoofbench.scoring.folder import SCORE_SCHEMA, score_folder
 
 FIRST_COLUMNS = """
