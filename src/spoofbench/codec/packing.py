@@ -1,0 +1,227 @@
+"""Columns to MCAP message records, whole runs of rows at a time.
+
+All rows that have the same fields, each of the same width, have one byte layout: a constant template with
+gaps for the times and the values. A layout is a numpy structured type, and packing is assignment to it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from google.protobuf.descriptor import FieldDescriptor
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from spoofbench.errors import RecordingError
+from spoofbench.recording import Table
+from spoofbench.schema import Field
+
+MESSAGE = np.dtype(
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")]
+)
+"""What precedes the data of a message record, its opcode and length included."""
+
+LOG_TIME = 15
+"""Where the log time of a message record is; the publish time follows."""
+
+_ABSENT = -1
+_VARINT, _FIXED64, _DELIMITED, _FIXED32 = 0, 1, 2, 5
+_WIRE_TYPES = {"<f8": _FIXED64, "<i8": _FIXED64, "<u8": _FIXED64, "<f4": _FIXED32, "<i4": _FIXED32, "<u4": _FIXED32}
+
+
+class Rows(Protocol):
+    """Rows of one channel that are to be written, in the order of time.
+
+    Attributes:
+        channel_id: of the channel.
+        times: int64 ``(n,)``.
+        sizes: int64 ``(n,)``, bytes of each row's message record.
+    """
+
+    @property
+    def channel_id(self) -> int: ...
+    @property
+    def times(self) -> NDArray[np.int64]: ...
+    @property
+    def sizes(self) -> NDArray[np.int64]: ...
+
+    def pack(self, first: int, last: int, out: NDArray[np.uint8], starts: NDArray[np.int64]) -> None:
+        """Write the records of the rows ``[first, last)`` to ``out``, each at its start."""
+        ...
+
+
+def varint(value: int) -> bytes:
+    """Return a non-negative integer as a protobuf varint."""
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    template: NDArray[np.uint8]
+    dtype: np.dtype[Any]
+
+
+class TableRows:
+    """The rows of a table, to be written to one channel."""
+
+    def __init__(self, channel_id: int, table: Table) -> None:
+        if len(table) and table.time_ns[0] < 0:
+            raise RecordingError(f"a {table.kind.name} row is stamped {int(table.time_ns[0])!r} ns, before 1970, which MCAP cannot express")
+        self.channel_id = channel_id
+        self.times = table.time_ns
+        self._columns = {name: table.column(name) for name in table}
+        self._fields = table.kind.fields
+        self._words = {name: _encoded(name, column.words) for name, column in self._columns.items() if column.words is not None}
+        widths = [self._widths(name) for name in self._columns]
+        self._which, shapes = _classes(widths, len(table))
+        self._layouts = [self._layout(dict(zip(self._columns, shape, strict=True))) for shape in shapes]
+
+    @cached_property
+    def sizes(self) -> NDArray[np.int64]:
+        sizes = np.array([layout.template.size for layout in self._layouts], np.int64)
+        return sizes[self._which] if sizes.size > 1 else np.repeat(sizes, self.times.size)
+
+    def pack(self, first: int, last: int, out: NDArray[np.uint8], starts: NDArray[np.int64]) -> None:
+        """Write the records of the rows ``[first, last)`` to ``out``, each at its start."""
+        if len(self._layouts) == 1:
+            layout, size = self._layouts[0], self._layouts[0].template.size
+            if starts[-1] - starts[0] == (last - first - 1) * size:
+                self._fill(layout, slice(first, last), out[starts[0] : starts[-1] + size])
+                return
+        which = self._which[first:last]
+        for number in np.unique(which).tolist():
+            rows = np.flatnonzero(which == number)
+            layout = self._layouts[number]
+            block = np.empty(rows.size * layout.template.size, np.uint8)
+            self._fill(layout, rows + first, block)
+            place(out, starts[rows], block)
+
+    def _widths(self, name: str) -> NDArray[np.int64] | int:
+        """Bytes that the value of a field takes in each row, -1 where absent; an int where all rows agree."""
+        column, field = self._columns[name], self._fields[name]
+        values = column.values
+        if name in self._words:
+            table = np.array([len(word) for word in self._words[name]] + [_ABSENT], np.int64)
+            return np.asarray(table[values])
+        valid = self._valid(name)
+        width: NDArray[np.int64] | int = 1 if field.category in ("boolean", "enum") else values.dtype.itemsize
+        if field.category == "enum" and np.any((values < 0) | (values > 0x7F)):
+            width = np.searchsorted(1 << np.arange(7, 64, 7, dtype=np.uint64), values.astype(np.int64).view(np.uint64), "right") + 1
+        elif valid.all():
+            return int(width)
+        return np.where(valid, width, _ABSENT)
+
+    def _valid(self, name: str) -> NDArray[np.bool_]:
+        column = self._columns[name]
+        if column.values.dtype.kind == "f":
+            return np.asarray(~np.isnan(column.values))
+        return np.ones(column.values.size, bool) if column.valid is None else column.valid
+
+    def _layout(self, widths: dict[str, int]) -> _Layout:
+        template = bytearray(MESSAGE.itemsize)
+        formats: list[Any]
+        names, formats, offsets = ["log_time", "publish_time"], ["<u8", "<u8"], [LOG_TIME, LOG_TIME + 8]
+        for name, width in widths.items():
+            if width == _ABSENT:
+                continue
+            field = self._fields[name]
+            template += _prefix(field, width)
+            if width:
+                names.append(name)
+                formats.append(_format(field, width))
+                offsets.append(len(template))
+            template += bytes(width)
+        head = np.frombuffer(template, MESSAGE, 1)
+        head["opcode"], head["length"], head["channel"] = Opcode.MESSAGE, len(template) - 9, self.channel_id
+        dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(template)})
+        return _Layout(np.frombuffer(bytes(template), np.uint8), dtype)
+
+    def _fill(self, layout: _Layout, rows: slice | NDArray[np.intp], out: NDArray[np.uint8]) -> None:
+        out.reshape(-1, layout.template.size)[:] = layout.template
+        records = out.view(layout.dtype)
+        records["log_time"] = records["publish_time"] = self.times[rows]
+        for name in layout.dtype.names[2:]:  # type: ignore[index]
+            values = self._columns[name].values[rows]
+            if name in self._words:
+                width = layout.dtype[name].itemsize
+                words = [word if len(word) == width else bytes(width) for word in self._words[name]]
+                records[name] = np.frombuffer(b"".join(words), f"V{width}")[values]
+            elif layout.dtype[name].shape:
+                shifts = np.arange(0, 7 * layout.dtype[name].itemsize, 7, dtype=np.uint64)
+                digits = (values.astype(np.int64).view(np.uint64)[:, None] >> shifts) & np.uint64(0x7F)
+                digits[:, :-1] |= np.uint64(0x80)
+                records[name] = digits
+            else:
+                records[name] = values
+
+
+class BlobRows:
+    """Messages that are encoded already, to be written to one channel."""
+
+    def __init__(self, channel_id: int, times: NDArray[np.int64], messages: Sequence[bytes]) -> None:
+        self.channel_id = channel_id
+        self.times = times
+        self._messages = messages
+        self.sizes = np.array([MESSAGE.itemsize + len(message) for message in messages], np.int64)
+
+    def pack(self, first: int, last: int, out: NDArray[np.uint8], starts: NDArray[np.int64]) -> None:
+        """Write the records of the rows ``[first, last)`` to ``out``, each at its start."""
+        head = np.zeros(last - first, MESSAGE)
+        head["opcode"], head["length"], head["channel"] = Opcode.MESSAGE, self.sizes[first:last] - 9, self.channel_id
+        head["log_time"] = head["publish_time"] = self.times[first:last]
+        place(out, starts, head.view(np.uint8))
+        for start, message in zip(starts.tolist(), self._messages[first:last], strict=True):
+            begin = start + MESSAGE.itemsize
+            out[begin : begin + len(message)] = np.frombuffer(message, np.uint8)
+
+
+def place(out: NDArray[np.uint8], starts: NDArray[np.int64], block: NDArray[np.uint8]) -> None:
+    """Copy equally long stretches of ``block`` to ``out``, one to each start."""
+    size = block.size // starts.size
+    window: NDArray[Any] = np.ndarray(out.size - size + 1, f"V{size}", out.data, strides=(1,))
+    window[starts] = block.view(f"V{size}")
+
+
+def _prefix(field: Field, width: int) -> bytes:
+    """Tag of a field, and length where it is text or bytes."""
+    if field.category in ("text", "bytes"):
+        return varint(field.number << 3 | _DELIMITED) + varint(width)
+    wire_type = _VARINT if field.category in ("boolean", "enum") else _WIRE_TYPES[np.dtype(field.dtype).newbyteorder("<").str]
+    return varint(field.number << 3 | wire_type)
+
+
+def _format(field: Field, width: int) -> Any:
+    if field.category in ("text", "bytes"):
+        return f"V{width}"
+    if field.wire_type == FieldDescriptor.TYPE_ENUM:
+        return "u1" if width == 1 else ("u1", (width,))
+    return "u1" if field.category == "boolean" else np.dtype(field.dtype).newbyteorder("<")
+
+
+def _classes(widths: Sequence[NDArray[np.int64] | int], rows: int) -> tuple[NDArray[np.intp], list[tuple[int, ...]]]:
+    """Number the distinct combinations of widths: the number of each row ``(n,)``, and the combinations."""
+    which, count = np.zeros(rows, np.intp), 1
+    for width in widths:
+        if not isinstance(width, int) and rows:
+            values, inverse = np.unique(width, return_inverse=True)
+            if values.size > 1:
+                _, which = np.unique(which * values.size + inverse, return_inverse=True)
+                count = int(which.max()) + 1
+    example = np.zeros(count, np.intp)
+    example[which] = np.arange(rows)
+    shapes = [tuple(width if isinstance(width, int) else int(width[row]) for width in widths) for row in example.tolist()] if rows else []
+    return which, shapes
+
+
+def _encoded(name: str, words: Sequence[str] | Sequence[bytes]) -> list[bytes]:
+    try:
+        return [word.encode() if isinstance(word, str) else word for word in words]
+    except UnicodeEncodeError as error:
+        raise RecordingError(f"field {name!r} holds {error.object!r}, which is not valid Unicode") from error

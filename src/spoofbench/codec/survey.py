@@ -1,0 +1,249 @@
+"""What a file holds: its chunks and loose messages in file order, channels, metadata and damage."""
+
+import zlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Channel, DataEnd, Footer, Metadata, Schema, Statistics
+from mcap.writer import MCAP0_MAGIC
+from numpy.typing import NDArray
+
+from spoofbench.codec.container import (
+    RECORD,
+    Chunk,
+    Limits,
+    Messages,
+    chunk_messages,
+    gather,
+    map_file,
+    messages_at,
+    parse,
+    parse_chunk,
+    record_starts,
+)
+from spoofbench.errors import FormatError, LimitError
+
+_FOOTER_BYTES = RECORD.size + 20 + len(MCAP0_MAGIC)
+
+
+@dataclass(slots=True)
+class ChunkSection:
+    """A chunk, where the entries of its message indexes are, and the channels in it, None while unknown."""
+
+    chunk: Chunk
+    indexes: list[slice]
+    channels: set[int]
+
+
+@dataclass(frozen=True, slots=True)
+class LooseSection:
+    """Messages that stand in no chunk, between two chunks."""
+
+    starts: NDArray[np.int64]
+    channels: frozenset[int]
+
+
+Section = ChunkSection | LooseSection
+
+
+@dataclass(slots=True)
+class Survey:
+    """What a file holds.
+
+    ``statistics`` is None where the file has none. ``damage`` says in text what was wrong with a file that
+    was cut off, nothing else.
+    """
+
+    path: Path
+    buffer: NDArray[np.uint8]
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    sections: list[Section] = field(default_factory=list)
+    statistics: Statistics | None = None
+    damage: dict[str, str] = field(default_factory=dict)
+
+    def messages(self, section: Section) -> Messages:
+        """Return the messages of a section.
+
+        Raises:
+            FormatError: the section is damaged.
+        """
+        if isinstance(section, LooseSection):
+            return messages_at(self.buffer, section.starts, "the data section")
+        return chunk_messages(self.buffer, section.chunk, section.indexes)[0]
+
+
+def survey(path: Path, limits: Limits) -> Survey:
+    """Find out what a file holds; chunks are unpacked only where no index tells their channels.
+
+    A file that was cut off gives its complete records, with the fact under ``damage``.
+
+    Raises:
+        FormatError: the file is no MCAP file, or is damaged.
+        LimitError: it asks for more than the limits allow.
+    """
+    buffer = map_file(path)
+    found = Survey(path, buffer)
+    if bytes(buffer[: len(MCAP0_MAGIC)]) != MCAP0_MAGIC:
+        raise FormatError(f"{str(path)!r} is not an MCAP file: it does not begin with the magic bytes")
+    is_whole = buffer.size >= 2 * len(MCAP0_MAGIC) and bytes(buffer[-len(MCAP0_MAGIC) :]) == MCAP0_MAGIC
+    end = buffer.size - len(MCAP0_MAGIC) if is_whole else buffer.size
+    starts, stop = record_starts(buffer, len(MCAP0_MAGIC), end)
+    if is_whole and stop != end:
+        raise FormatError(f"{str(path)!r} is damaged: the record at byte {stop} does not end within the file")
+    if not is_whole:
+        found.damage = {
+            "truncated": f"the file has no end; its complete records up to byte {stop} were read",
+            "lost_bytes": str(buffer.size - stop),
+        }
+    _visit(found, starts, limits)
+    if is_whole:
+        _check_summary(found, int(starts[-1]) if starts.size else 0)
+    _check_limits(found, limits)
+    _survey_chunks(found, is_whole)
+    return found
+
+
+def _visit(found: Survey, starts: NDArray[np.int64], limits: Limits) -> None:
+    """Sort the file's records into the survey."""
+    buffer = found.buffer
+    is_message = buffer[starts] == Opcode.MESSAGE
+    loose, others = starts[is_message], starts[~is_message]
+    loose = loose if loose.size else None
+    text_bytes = taken = 0
+    in_data = True
+    for start in others.tolist():
+        opcode = int(buffer[start])
+        length = RECORD.unpack_from(buffer.data, start)[1]
+        if loose is not None and (opcode == Opcode.CHUNK or (in_data and opcode == Opcode.DATA_END)):
+            taken = _take_loose(found, loose, taken, start)
+        if opcode == Opcode.CHUNK:
+            found.sections.append(ChunkSection(parse_chunk(buffer, start, limits), [], set()))
+        elif opcode == Opcode.MESSAGE_INDEX:
+            _visit_index(found, start, length)
+        elif opcode in _TEXTS:
+            text_bytes += length
+            if text_bytes > limits.text_bytes:
+                raise LimitError(f"{str(found.path)!r} holds more than {limits.text_bytes} bytes of schemas, channels and metadata")
+            _visit_text(found, opcode, start)
+        elif opcode == Opcode.DATA_END:
+            in_data = False
+    if loose is not None:
+        _take_loose(found, loose, taken, buffer.size)
+
+
+_TEXTS: dict[int, Any] = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.METADATA: Metadata,
+    Opcode.STATISTICS: Statistics,
+}
+
+
+def _take_loose(found: Survey, loose: NDArray[np.int64], taken: int, before: int) -> int:
+    last = int(np.searchsorted(loose, before))
+    if last > taken:
+        part = loose[taken:last]
+        channels = messages_at(found.buffer, part, "the data section").channels
+        found.sections.append(LooseSection(part, frozenset(np.unique(channels).tolist())))
+    return last
+
+
+def _visit_index(found: Survey, start: int, length: int) -> None:
+    """Note a message index as a hint for the chunk before it; one that makes no sense is no hint."""
+    chunk = found.sections[-1] if found.sections else None
+    begin = start + RECORD.size
+    if isinstance(chunk, ChunkSection) and length >= 6:
+        channel, entries = gather(found.buffer, "<u2", np.array([begin]))[0], gather(found.buffer, "<u4", np.array([begin + 2]))[0]
+        if entries % 16 == 0 and 0 < entries <= length - 6:
+            chunk.channels.add(int(channel))
+            chunk.indexes.append(slice(begin + 6, begin + 6 + int(entries)))
+
+
+def _visit_text(found: Survey, opcode: int, start: int) -> None:
+    record = parse(_TEXTS[opcode], found.buffer, start, repr(str(found.path)))
+    if isinstance(record, Metadata):
+        found.metadata.setdefault(record.name, {}).update(record.metadata)
+    elif isinstance(record, Statistics):
+        found.statistics = record
+    else:
+        learn_definition(found, record)
+
+
+def learn_definition(found: Survey, record: Schema | Channel) -> None:
+    """Add a schema or channel to the survey.
+
+    Raises:
+        FormatError: another one has its id.
+    """
+    known: dict[int, Any] = found.schemas if isinstance(record, Schema) else found.channels
+    if known.setdefault(record.id, record) != record:
+        raise FormatError(f"{str(found.path)!r} has two {type(record).__name__.lower()}s with the id {record.id!r}")
+
+
+def _check_summary(found: Survey, footer_at: int) -> None:
+    buffer, path = found.buffer, str(found.path)
+    if footer_at + _FOOTER_BYTES != buffer.size or buffer[footer_at] != Opcode.FOOTER:
+        raise FormatError(f"{path!r} is damaged: no footer stands before its end")
+    footer = parse(Footer, buffer, footer_at, repr(path))
+    if footer.summary_crc:
+        begin = footer.summary_start or footer_at
+        if begin > footer_at or zlib.crc32(buffer[begin : footer_at + RECORD.size + 16].data) != footer.summary_crc:
+            raise FormatError(f"{path!r} is damaged: the checksum of its summary at byte {begin} is not {footer.summary_crc!r}")
+    if any(isinstance(section, LooseSection) for section in found.sections):
+        check_data_section(found)
+
+
+def check_data_section(found: Survey) -> None:
+    """Compare the data section with its checksum where the file has one.
+
+    Raises:
+        FormatError: they differ.
+    """
+    starts, _ = record_starts(found.buffer, len(MCAP0_MAGIC), found.buffer.size - len(MCAP0_MAGIC))
+    ends = starts[found.buffer[starts] == Opcode.DATA_END]
+    if not ends.size:
+        raise FormatError(f"{str(found.path)!r} is damaged: its data section has no end")
+    end = parse(DataEnd, found.buffer, int(ends[0]), repr(str(found.path)))
+    if end.data_section_crc and zlib.crc32(found.buffer[: int(ends[0])].data) != end.data_section_crc:
+        raise FormatError(f"{str(found.path)!r} is damaged: the checksum of its data section is not {end.data_section_crc!r}")
+
+
+def _check_limits(found: Survey, limits: Limits) -> None:
+    total = sum(section.chunk.size for section in found.sections if isinstance(section, ChunkSection))
+    if total > limits.total_bytes:
+        raise LimitError(f"{str(found.path)!r} declares {total!r} bytes in chunks where at most {limits.total_bytes} are allowed")
+    messages = max(
+        found.statistics.message_count if found.statistics else 0,
+        sum(section.starts.size for section in found.sections if isinstance(section, LooseSection)),
+    )
+    if messages > limits.messages:
+        raise LimitError(f"{str(found.path)!r} declares {messages!r} messages where at most {limits.messages} are allowed")
+
+
+def _survey_chunks(found: Survey, is_whole: bool) -> None:
+    """Unpack the chunks whose channels no index tells, for the channels in them."""
+    is_indexed = is_whole and found.statistics is not None and found.statistics.channel_count == len(found.channels)
+    for section in found.sections:
+        if isinstance(section, ChunkSection) and section.chunk.size:
+            if is_indexed and section.indexes and section.channels <= found.channels.keys():
+                continue
+            messages, others, records = chunk_messages(found.buffer, section.chunk)
+            read_definitions(found, others, records)
+            section.channels, section.indexes = set(np.unique(messages.channels).tolist()), []
+
+
+def read_definitions(found: Survey, starts: NDArray[np.int64], records: NDArray[np.uint8]) -> None:
+    """Add the schemas and channels within a chunk to the survey.
+
+    Raises:
+        FormatError: one is damaged, or another one has its id.
+    """
+    for start in starts.tolist():
+        opcode = int(records[start])
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            learn_definition(found, parse(_TEXTS[opcode], records, start, f"a chunk of {str(found.path)!r}"))
