@@ -1,0 +1,5 @@
+"""GNSS spoofing detection by comparing the acceleration of GNSS with an accelerometer (Lo et al., ION Pacific PNT 2017)."""
+
+from spoofbench_acceleration.monitor import AccelerationMonitor, Comparison
+
+__all__ = ["AccelerationMonitor", "Comparison"]

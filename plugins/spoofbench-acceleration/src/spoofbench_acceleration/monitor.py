@@ -1,0 +1,171 @@
+"""The detector: acceleration of GNSS against that of an accelerometer, and an executive monitor over two tests.
+
+Lo, Chen, Reid, Perkins, Walter, Enge: The Benefit of Low Cost Accelerometers for GNSS Anti-Spoofing, ION Pacific PNT 2017.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.detecting import Decisions
+from spoofbench.recording import Recording, Table
+from spoofbench.schema import split_topic
+from spoofbench_acceleration.motion import (
+    Track,
+    heading_rad,
+    local_position_m,
+    pitch_rad,
+    roll_rad,
+    sensed_force,
+    specific_force,
+    track_from_position,
+    track_from_velocity,
+)
+from spoofbench_acceleration.statistics import Averaging, Executive, Floats, executive_margin, exponential_average, sample_statistics
+
+Axis = Literal["vertical", "along_track"]
+Origin = Literal["velocity", "position"]
+
+_NO_FIX = (1, 2, 6)  # none, dead reckoning, time only
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Specific force along the compared axis at each epoch, m/s^2, ``(n,)``; NaN is unavailable."""
+
+    time_ns: NDArray[np.int64]
+    sensed_mps2: Floats
+    expected_mps2: Floats
+
+
+@dataclass(frozen=True)
+class AccelerationMonitor:
+    """Mean-difference and chi-square test of the acceleration difference under an executive monitor.
+
+    The defaults are the paper's. It compares the vertical axis of an aircraft on approach; a ground vehicle needs
+    ``axis="along_track"`` with ``pitch=True``.
+
+    Attributes:
+        executive: ``simple``: both tests must flag; ``multi``: or the chi-square test alone, more often.
+        axis: ``vertical`` or ``along_track``.
+        pitch: compensate pitch by the direction of the velocity, Eq (2).
+        roll: compensate roll as in a coordinated turn, Eq (3).
+        acceleration_from: ``velocity`` (first difference) or ``position`` (second difference).
+        averaging: what ``averaging_s`` is: a ``span`` or a ``time_constant``; the paper does not say.
+        averaging_s: of the exponential average.
+        samples: n of Eq (6).
+        stride: every how many epochs a sample is taken; the paper does not say.
+        bias_mps2: b, the largest nominal bias, Eq (5).
+        sigma_mps2: standard deviation of the averaged difference, Eq (7).
+        z_threshold: of the mean-difference test, 1e-9 two-sided.
+        chi2_threshold: of the chi-square test, 1e-9 at 7 degrees of freedom.
+        window_s: observation window of the executive monitor.
+        flagged_share: more than this share of the window's epochs must be flagged by both tests.
+        flagged_share_alone: or more than this share by the chi-square test alone (``multi``).
+        lag_s: how late the receiver's epochs are against the IMU; the IMU is averaged over (t[n-1] - lag, t[n] - lag].
+        gate: leave out epochs whose fix type says that there is no fix.
+        slowest_mps: below this speed over ground heading and pitch are held.
+        mounting_pitch_deg: how much further than the vehicle's nose the IMU's forward axis points up.
+        gravity_mps2: g; a sensor's own reading at rest is better where it is known.
+        axes: what the IMU's x, y, z point to, such as ``frd``; empty: as the recording says, else ``frd``.
+    """
+
+    executive: Executive = "multi"
+    axis: Axis = "vertical"
+    pitch: bool = False
+    roll: bool = False
+    acceleration_from: Origin = "velocity"
+    averaging: Averaging = "span"
+    averaging_s: float = 5.0
+    samples: int = 8
+    stride: int = 1
+    bias_mps2: float = 0.03
+    sigma_mps2: float = 0.06
+    z_threshold: float = 6.1
+    chi2_threshold: float = 55.87
+    window_s: float = 5.0
+    flagged_share: float = 0.06
+    flagged_share_alone: float = 0.12
+    lag_s: float = 0.0
+    gate: bool = True
+    slowest_mps: float = 2.0
+    mounting_pitch_deg: float = 0.0
+    gravity_mps2: float = 9.81
+    axes: str = ""
+
+    requires: ClassVar[tuple[str, ...]] = ("gnss/pvt", "imu")
+    uses: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        for name, kind in (("executive", Executive), ("axis", Axis), ("acceleration_from", Origin), ("averaging", Averaging)):
+            if getattr(self, name) not in get_args(kind):
+                raise ValueError(f"{name} must be one of {get_args(kind)}, not {getattr(self, name)!r}")
+        for name in ("averaging_s", "sigma_mps2", "z_threshold", "chi2_threshold", "window_s", "gravity_mps2"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be above 0, not {getattr(self, name)!r}")
+        if not (self.samples >= 2 and self.stride >= 1):
+            raise ValueError(f"samples must be at least 2 and stride at least 1, not {self.samples!r} and {self.stride!r}")
+        if not self.lag_s >= 0:
+            raise ValueError(f"lag_s must be at least 0, since the IMU's future is unknown, not {self.lag_s!r}")
+
+    @property
+    def memory_s(self) -> float:
+        """Lag, decay of the average to 1 %, samples at 1 Hz (the slowest receiver it is meant for), and window."""
+        decay_s = np.log(100) * self.averaging_s / (2 if self.averaging == "span" else 1)
+        return float(self.lag_s + decay_s + self.samples * self.stride + self.window_s)
+
+    def detect(self, recording: Recording) -> Decisions:
+        """Return a decision per epoch of the primary receiver, available where both tests are.
+
+        Raises:
+            RecordingError: a required kind is missing, or the IMU's axes are unknown.
+        """
+        comparison = self.compare(recording)
+        time_s = _seconds(comparison.time_ns)
+        difference = comparison.sensed_mps2 - comparison.expected_mps2
+        average, runs = exponential_average(time_s, difference, self.averaging_s, self.averaging)
+        mean, variance = sample_statistics(average, runs, self.samples, self.stride)
+        z = np.maximum(np.abs(mean) - self.bias_mps2, 0) / self.sigma_mps2
+        chi2 = (self.samples - 1) * variance / self.sigma_mps2**2
+        shares = (self.flagged_share, self.flagged_share_alone)
+        score = executive_margin(time_s, z / self.z_threshold, chi2 / self.chi2_threshold, self.window_s, shares, self.executive)
+        return Decisions(comparison.time_ns, score, ~np.isnan(mean))
+
+    def compare(self, recording: Recording) -> Comparison:
+        """Return what the accelerometer felt and what GNSS lets expect, neither of them averaged over epochs.
+
+        Raises:
+            RecordingError: a required kind is missing, or the IMU's axes are unknown.
+        """
+        pvt, imu = recording.primary("gnss/pvt"), recording.primary("imu")
+        pvt = pvt.take(np.append(pvt.time_ns[1:] > pvt.time_ns[:-1], True)[: len(pvt)])
+        axis = "forward" if self.axis == "along_track" else "up"
+        source = split_topic(recording.topics("imu")[0])[0]
+        axes = self.axes or recording.metadata.get(f"source/{source}", {}).get("axes", "frd")
+        time_s = _seconds(pvt.time_ns)
+        track = self._track(pvt, time_s)
+        heading = heading_rad(track.velocity_mps, self.slowest_mps)
+        level = np.zeros(len(pvt))
+        pitch = pitch_rad(track.velocity_mps, self.slowest_mps) if self.pitch else level
+        roll = roll_rad(track, self.gravity_mps2, self.slowest_mps) if self.roll else level
+        attitude = (roll, pitch + np.radians(self.mounting_pitch_deg), heading)
+        expected = specific_force(track, attitude, axis, self.gravity_mps2)
+        origin_ns = int(pvt.time_ns[0]) if len(pvt) else 0
+        return Comparison(pvt.time_ns, sensed_force(imu, axes, axis, time_s - self.lag_s, origin_ns), expected)
+
+    def _track(self, pvt: Table, time_s: Floats) -> Track:
+        names = ("vel_n_mps", "vel_e_mps", "vel_d_mps") if self.acceleration_from == "velocity" else ("lat_deg", "lon_deg", "height_m")
+        columns = [pvt[name] for name in names]
+        if self.gate:
+            refused = np.isin(pvt["fix_type"], _NO_FIX) & pvt.valid("fix_type")
+            columns = [np.where(refused, np.nan, column) for column in columns]
+        if self.acceleration_from == "velocity":
+            return track_from_velocity(time_s, np.column_stack(columns))
+        return track_from_position(time_s, local_position_m(*columns))
+
+
+def _seconds(time_ns: NDArray[np.int64]) -> Floats:
+    """Seconds since the first epoch."""
+    return (time_ns - time_ns[:1]).astype(np.float64) * 1e-9
