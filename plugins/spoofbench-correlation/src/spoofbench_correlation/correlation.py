@@ -1,0 +1,164 @@
+"""The correlation detector: magnitude verification (MAV) and horizontal components (HoC)."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.detecting import Decisions
+from spoofbench.errors import PluginError
+from spoofbench.recording import Recording, Table
+from spoofbench_correlation import gnss, gravity, imu, windows
+
+Floats = NDArray[np.float64]
+Statistic = Literal["M_acc", "M_ag", "H_acc", "H_ag", "M", "H"]
+Gravity = Literal["low_pass", "descent", "constant"]
+
+TURN_SPEED_MPS = 10.0  # at which adaptive weighting takes a yaw rate and its centripetal acceleration as equal
+
+
+class _Pairs(NamedTuple):
+    """Series per pair of epochs: ``imu`` and ``gnss`` have shape ``(k, n)``, the rest ``(n,)``."""
+
+    imu: Floats
+    gnss: Floats
+    start_ns: NDArray[np.int64]
+    end_ns: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Alerts where the correlation of GNSS motion with IMU motion falls below a threshold (Borio, Eq 1-15).
+
+    ``score = (1 - C) / (1 - threshold)``: 0 for perfect agreement, 1 at the threshold. Unavailable where valid pairs
+    cover too little of the window, where either series is constant, or before gravity is known.
+
+    Attributes:
+        statistic: ``M_acc``, ``M_ag`` (norms), ``H_acc``, ``H_ag`` (levelled) of Eq (9), or ``M``, ``H`` of Eq (15).
+        alpha: weight of the angular rate in Eq (15).
+        adaptive: weigh by dynamics. The paper gives no formula; here ``alpha : 1 - alpha`` is multiplied by the ratio of the
+            rate's standard deviation, times 10 m/s, to the acceleration's, each the lesser of what GNSS and IMU saw in the window.
+        window_s: length of the window.
+        threshold: least correlation that raises no alert; 0.7 is the paper's for its best IMU, others need their own.
+        gravity: ``low_pass`` with time constant ``gravity_s``; ``descent`` on Eq (13) and (14), averaged over ``gravity_s``;
+            ``constant``, the mean of all specific force so far.
+        gravity_s: time constant of the gravity estimate.
+        w: weight of the rotation in Eq (13), (m/s^2)^2/(rad/s)^2.
+        g: for ``descent``, the sensor's own norm at rest, m/s^2; None: the mean over the epochs at rest so far.
+        lag_s: how late the receiver's velocities are; the IMU is averaged over ``(t[n-1] - lag, t[n] - lag]``.
+        median_filter: length of a trailing median over all series, odd; 1 is none.
+        min_share: share of the window that valid pairs must cover.
+    """
+
+    requires: ClassVar[tuple[str, ...]] = ("imu", "gnss/pvt")
+    uses: ClassVar[tuple[str, ...]] = ()
+
+    statistic: Statistic = "H"
+    alpha: float = 0.5
+    adaptive: bool = False
+    window_s: float = 120.0
+    threshold: float = 0.7
+    gravity: Gravity = "low_pass"
+    gravity_s: float = 30.0
+    w: float = 100.0
+    g: float | None = None
+    lag_s: float = 0.0
+    median_filter: int = 1
+    min_share: float = 0.8
+
+    def __post_init__(self) -> None:
+        for name, value, words in (("statistic", self.statistic, Statistic), ("gravity", self.gravity, Gravity)):
+            if value not in get_args(words):
+                raise PluginError(f"{name} must be one of {list(get_args(words))}, not {value!r}")
+        checks = {
+            "alpha": (0 <= self.alpha <= 1, "between 0 and 1"),
+            "threshold": (-1 <= self.threshold < 1, "at least -1 and below 1"),
+            "window_s": (self.window_s > 0, "positive"),
+            "gravity_s": (self.gravity_s > 0, "positive"),
+            "w": (self.w >= 0, "0 or more"),
+            "g": (self.g is None or self.g > 0, "positive"),
+            "lag_s": (self.lag_s >= 0, "0 or more, or a decision would rest on the future"),
+            "median_filter": (self.median_filter >= 1 and self.median_filter % 2 == 1, "odd and positive"),
+            "min_share": (0 < self.min_share <= 1, "above 0 and at most 1"),
+        }
+        for name, (good, rule) in checks.items():
+            if not good:
+                raise PluginError(f"{name} must be {rule}, not {getattr(self, name)!r}")
+
+    @property
+    def memory_s(self) -> float:
+        """The window, and the pairs that reach into it."""
+        return self.window_s + self.median_filter * gnss.LONGEST_PAIR_S
+
+    def detect(self, recording: Recording) -> Decisions:
+        """Decide at each epoch of the primary receiver; the first has no pair and is unavailable."""
+        velocity = gnss.velocity(recording.primary("gnss/pvt"))
+        if velocity.time_ns.size < 2:
+            return Decisions(velocity.time_ns, np.zeros(velocity.time_ns.size), np.zeros(velocity.time_ns.size, bool))
+        value = self._value(self._pairs(recording.primary("imu"), velocity))
+        score = np.append(np.nan, (1 - value) / (1 - self.threshold))
+        return Decisions(velocity.time_ns, score, ~np.isnan(score))
+
+    def _pairs(self, rows: Table, velocity: gnss.Velocity) -> _Pairs:
+        """The series that the statistic compares: acceleration, angular rate, or both."""
+        start, end = velocity.time_ns[:-1], velocity.time_ns[1:]
+        lag = round(self.lag_s * 1e9)
+        motion = imu.interval_means(rows, start - lag, end - lag)
+        acceleration, turn = gnss.acceleration(velocity), gnss.heading_rate(velocity)
+        pairs = []
+        if self.statistic == "M_ag":
+            down = np.full_like(motion.force_mps2, np.nan)
+        else:
+            down = self._gravity(rows, motion, end - lag, (end - start) / 1e9)
+        if self.statistic in ("M_acc", "M"):
+            pairs.append((_norm(motion.force_mps2 - down), _norm(acceleration)))
+        if self.statistic in ("M_ag", "M"):
+            pairs.append((_norm(motion.rate_radps), np.abs(turn)))
+        if self.statistic.startswith("H"):
+            up = down / _norm(down)
+            if self.statistic != "H_ag":
+                level = motion.force_mps2 - (motion.force_mps2 * up).sum(axis=0) * up
+                pairs.append((_norm(level), _norm(acceleration[:2])))
+            if self.statistic != "H_acc":
+                # Up is against the heading's sense, whatever the sensor's own axes are.
+                pairs.append((-(motion.rate_radps * up).sum(axis=0), turn))
+        ours, theirs = (np.stack(series) for series in zip(*pairs, strict=True))
+        return _Pairs(ours, theirs, start, end)
+
+    def _gravity(self, rows: Table, motion: imu.Motion, time_ns: NDArray[np.int64], dt_s: Floats) -> Floats:
+        force = motion.force_mps2
+        if self.gravity == "low_pass":
+            return gravity.low_pass(force, dt_s, self.gravity_s)
+        if self.gravity == "constant":
+            return gravity.constant(force, dt_s)
+        if self.g is not None:
+            g = np.full(dt_s.size, self.g)
+        else:
+            g = gravity.static_norm(force, imu.is_stationary(rows, time_ns, imu.Rest()) == 1)
+        return gravity.descent(force, motion.rate_radps, dt_s, g, self.w, self.gravity_s)
+
+    def _value(self, pairs: _Pairs) -> Floats:
+        """The statistic per pair, NaN where it is unavailable, shape ``(n,)``."""
+        dt_s = (pairs.end_ns - pairs.start_ns) / 1e9
+        x, y = (windows.trailing_median(series, self.median_filter) for series in (pairs.imu, pairs.gnss))
+        valid = (dt_s <= gnss.LONGEST_PAIR_S) & ~np.isnan(x).any(axis=0) & ~np.isnan(y).any(axis=0)
+        first = windows.first_of_window(pairs.start_ns, pairs.end_ns, self.window_s)
+        found = windows.correlate(x, y, valid, first)
+        value = found.coefficient[0] if len(x) == 1 else self._combined(found)
+        return np.where(windows.covered_s(dt_s, valid, first) >= self.min_share * self.window_s, value, np.nan)
+
+    def _combined(self, found: windows.Correlation) -> Floats:
+        """Eq (15): ``(1 - alpha) C_acc + alpha C_ag``."""
+        alpha = np.full(found.std_x.shape[1], self.alpha)
+        if self.adaptive:
+            spread = np.minimum(found.std_x, found.std_y)
+            acceleration, rate = (1 - alpha) * spread[0], alpha * spread[1] * TURN_SPEED_MPS
+            np.divide(rate, acceleration + rate, out=alpha, where=acceleration + rate > 0)
+        combined: Floats = (1 - alpha) * found.coefficient[0] + alpha * found.coefficient[1]
+        return combined
+
+
+def _norm(vectors: Floats) -> Floats:
+    """Euclidean norm over the first axis."""
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=0)))

@@ -1,0 +1,95 @@
+"""The IMU's share: means over intervals from cumulated increments, and whether it stands still.
+
+Arrays of vectors have shape ``(3, n)``, in the sensor frame as recorded.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.recording import Table
+
+Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
+
+AXES = "xyz"
+GAP_S = 0.2  # a sampled row stands for the time since the row before it, up to this
+COVERAGE = 0.8  # share of an interval that rows must stand for, or its mean is NaN
+
+
+class Motion(NamedTuple):
+    """Means over intervals, shapes ``(3, n)``; NaN where the rows cover too little."""
+
+    force_mps2: Floats
+    rate_radps: Floats
+
+
+def interval_means(imu: Table, start_ns: Times, end_ns: Times) -> Motion:
+    """Mean specific force and angular rate over the intervals ``(start, end]``.
+
+    A row that is averaged over ``interval_s`` contributes its increment to the interval in which it ends.
+
+    Args:
+        imu: rows of kind ``imu``.
+        start_ns: shape ``(n,)``.
+        end_ns: shape ``(n,)``, not before ``start_ns``.
+    """
+    weight = _weights(imu)
+    columns = [f"accel_{axis}_mps2" for axis in AXES] + [f"gyro_{axis}_radps" for axis in AXES]
+    means = _means((imu[name] for name in columns), weight, imu.time_ns, start_ns, end_ns)
+    return Motion(means[:3], means[3:])
+
+
+class Rest(NamedTuple):
+    """What standing still means for an IMU."""
+
+    span_s: float = 1.0
+    smooth_s: float = 0.2
+    force_std_mps2: float = 0.15
+    rate_rms_radps: float = 0.010
+
+
+def is_stationary(imu: Table, time_ns: Times, rest: Rest) -> Floats:
+    """Whether the IMU stands still in the span before each time: 1, 0, or NaN where rows are missing. Shape ``(n,)``.
+
+    It does where the specific force, smoothed by means over ``smooth_s``, has a standard deviation (root of the
+    summed variances of the axes, so that mounting does not matter) below ``force_std_mps2``, and the angular rate
+    a root mean square below ``rate_rms_radps``.
+    """
+    blocks = round(rest.span_s / rest.smooth_s)
+    edges = time_ns[:, None] + np.rint(np.linspace(-rest.span_s, 0, blocks + 1) * 1e9).astype(np.int64)
+    force = interval_means(imu, edges[:, :-1].ravel(), edges[:, 1:].ravel()).force_mps2.reshape(3, -1, blocks)
+    force_std = np.sqrt(force.var(axis=2).sum(axis=0))
+    square = np.sum([imu[f"gyro_{axis}_radps"] ** 2 for axis in AXES], axis=0)
+    rate_rms = np.sqrt(_means([square], _weights(imu), imu.time_ns, edges[:, 0], edges[:, -1])[0])
+    still = (force_std < rest.force_std_mps2) & (rate_rms < rest.rate_rms_radps)
+    return np.where(np.isnan(force_std) | np.isnan(rate_rms), np.nan, still)
+
+
+def _weights(imu: Table) -> Floats:
+    """Seconds that each row stands for: its averaging interval, or for a sampled row the time since the last."""
+    interval = imu["interval_s"]
+    sampled = ~(interval > 0)
+    if not sampled.any():
+        return interval
+    elapsed = np.diff(imu.time_ns, prepend=imu.time_ns[:1]) / 1e9
+    return np.where(sampled, np.minimum(elapsed, GAP_S), interval)
+
+
+def _means(columns: Iterable[Floats], weight: Floats, row_ns: Times, start_ns: Times, end_ns: Times) -> Floats:
+    """Weighted means of k columns over the rows within each ``(start, end]``, shape ``(k, n)``."""
+    first, last = np.searchsorted(row_ns, start_ns, "right"), np.searchsorted(row_ns, end_ns, "right")
+    # reduceat sums each interval on its own, so no mean depends on where the recording starts or ends. It wants
+    # starts that exist: one zero more than there are rows stands behind the last.
+    edges = np.stack((first, last), axis=1).ravel()
+    increments = np.zeros(row_ns.size + 1)
+    sums = []
+    for column in (np.ones(1), *columns):
+        np.multiply(column, weight, out=increments[:-1])
+        sums.append(np.add.reduceat(increments, edges)[::2] if edges.size else np.empty(0))
+    seconds, *totals = np.where(first < last, sums, 0.0)
+    covered = (seconds > 0) & (seconds >= COVERAGE * (end_ns - start_ns) / 1e9)
+    means: Floats = np.divide(totals, seconds, out=np.full((len(totals), seconds.size), np.nan), where=covered)
+    return means
