@@ -127,13 +127,16 @@ def read_outcome(folder: Path, task_id: str) -> Outcome | None:
         raise ResultsError(f"{path} has no status; delete it and resume the run")
     decisions = None
     if about["status"] == "ok":
-        decisions = Decisions(*(table[name].to_numpy() for name in _DECISION_SCHEMA.names))
-    return Outcome(about["status"], about["reason"] or None, decisions)
+        decisions = Decisions(*_columns(path, table, _DECISION_SCHEMA.names).values())
+    return Outcome(about["status"], about.get("reason") or None, decisions)
+
+
+_TRUTH_COLUMNS = [field.name for field in fields(Truth) if field.name not in ("epoch_ns", "intervals")]
 
 
 def write_truth(folder: Path, variant_id: str, truth: Truth) -> None:
     """Write one variant's scoring grid and intervals."""
-    columns = {f.name: getattr(truth, f.name) for f in fields(Truth) if f.name not in ("epoch_ns", "intervals")}
+    columns = {name: getattr(truth, name) for name in _TRUTH_COLUMNS}
     about = {
         "epoch_ns": str(truth.epoch_ns),
         "intervals": json.dumps([[interval.start_ns, interval.end_ns] for interval in truth.intervals]),
@@ -147,11 +150,15 @@ def read_truth(folder: Path, variant_id: str) -> Truth:
     Raises:
         ResultsError: the file is missing or damaged.
     """
-    table = read_parquet(folder / "truth" / f"{variant_id}.parquet")
-    about = table.schema.metadata
-    columns = {name: table[name].to_numpy() for name in table.column_names}
-    intervals = tuple(Interval(*pair) for pair in json.loads(about[b"intervals"]))
-    return Truth(**columns, epoch_ns=int(about[b"epoch_ns"]), intervals=intervals)
+    path = folder / "truth" / f"{variant_id}.parquet"
+    table = read_parquet(path)
+    columns = _columns(path, table, _TRUTH_COLUMNS)
+    about = table.schema.metadata or {}
+    try:
+        intervals = tuple(Interval(*pair) for pair in json.loads(about[b"intervals"]))
+        return Truth(**columns, epoch_ns=int(about[b"epoch_ns"]), intervals=intervals)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ResultsError(f"{path} does not say its epoch and intervals; run the suite again") from error
 
 
 def write_tasks(folder: Path, tasks: Sequence[Task]) -> None:
@@ -165,7 +172,11 @@ def read_tasks(folder: Path) -> list[Task]:
     Raises:
         ResultsError: the file is missing or damaged.
     """
-    return [Task(**row) for row in read_parquet(folder / "tasks.parquet").to_pylist()]
+    path = folder / "tasks.parquet"
+    table = read_parquet(path)
+    if set(table.column_names) != set(TASK_SCHEMA.names):
+        raise ResultsError(f"{path} is of another version of spoofbench: it has columns {table.column_names}; run the suite again")
+    return [Task(**row) for row in table.to_pylist()]
 
 
 def write_run(folder: Path, run: Mapping[str, Any]) -> None:
@@ -180,8 +191,8 @@ def read_run(folder: Path) -> dict[str, Any]:
         ResultsError: the file is missing or damaged.
     """
     try:
-        run: dict[str, Any] = json.loads((folder / "run.json").read_text())
-    except (OSError, ValueError) as error:
+        run: dict[str, Any] = dict(json.loads((folder / "run.json").read_text()))
+    except (OSError, TypeError, ValueError) as error:
         raise ResultsError(f"{folder} is not a results folder: {error}") from error
     return run
 
@@ -208,3 +219,11 @@ def _replace(path: Path, write: Any) -> None:
     temporary = path.with_name(f".{path.name}.part")
     write(temporary)
     temporary.replace(path)
+
+
+def _columns(path: Path, table: pa.Table, names: Sequence[str]) -> dict[str, Any]:
+    """Return columns without nulls as arrays."""
+    for name in names:
+        if name not in table.column_names or table[name].null_count:
+            raise ResultsError(f"{path} lacks values of {name!r}; delete it and resume the run")
+    return {name: table[name].to_numpy() for name in names}
