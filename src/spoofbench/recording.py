@@ -228,13 +228,14 @@ class Recording(Mapping[str, Table]):
         RecordingError: a topic is not one of the schema.
     """
 
-    __slots__ = ("_tables", "metadata")
+    __slots__ = ("_digest", "_tables", "metadata")
 
     def __init__(self, tables: Mapping[str, Table | Callable[[], Table]], metadata: Metadata = MappingProxyType({})) -> None:
         for topic in tables:
             split_topic(topic)
         self._tables: dict[str, Table | Callable[[], Table]] = dict(sorted(tables.items()))
         self.metadata: Metadata = MappingProxyType({name: MappingProxyType(dict(record)) for name, record in sorted(metadata.items())})
+        self._digest: str | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Recording, (dict(self.items()), {name: dict(record) for name, record in self.metadata.items()})
@@ -322,6 +323,11 @@ class Recording(Mapping[str, Table]):
 
     def digest(self) -> str:
         """SHA-256 of the decoded rows of every topic, the schema version and the neutral metadata."""
+        if self._digest is None:
+            self._digest = self._digested()
+        return self._digest
+
+    def _digested(self) -> str:
         digest = hashlib.sha256()
         header = {"schema": SCHEMA_VERSION, "metadata": {name: dict(record) for name, record in self.blind().metadata.items()}}
         digest.update(json.dumps(header, sort_keys=True).encode())

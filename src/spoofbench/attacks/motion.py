@@ -1,0 +1,131 @@
+"""Motion of PVT rows in geodetic coordinates and their exact rates.
+
+Latitude, longitude and height, and their time derivatives, are what attacks are computed on: a linear
+combination of coordinates has the same combination of rates as its derivative, so that position and velocity
+of an attacked row belong together without a local frame. Metres per radian are the ellipsoid's radii of
+curvature at each row (pymap3d).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.errors import NotApplicable
+from spoofbench.recording import Table
+
+Floats = NDArray[np.float64]
+
+_NEAR_REGULAR = 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Geodetic coordinates and rates of PVT rows, NaN where absent.
+
+    Attributes:
+        position: ``(n, 3)`` latitude and longitude (rad, longitude without jumps at the antimeridian), height (m).
+        rate: ``(n, 3)`` their derivatives (rad/s, rad/s, m/s).
+    """
+
+    position: Floats
+    rate: Floats
+
+    def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> "Motion":
+        return Motion(self.position[rows], self.rate[rows])
+
+
+def motion_of(pvt: Table) -> Motion:
+    """Return the motion that PVT rows tell.
+
+    Height is the ellipsoid's where the row has it, else that above mean sea level; velocity without
+    components is taken from speed and course.
+    """
+    longitude = np.radians(pvt["lon_deg"])
+    known = np.isfinite(longitude)
+    longitude[known] = np.unwrap(longitude[known])
+    height = np.where(pvt.valid("height_m"), pvt["height_m"], pvt["height_msl_m"])
+    position = np.column_stack([np.radians(pvt["lat_deg"]), longitude, height])
+    return Motion(position, _velocity(pvt) / metres_per_unit(position))
+
+
+def with_motion(pvt: Table, moved: Motion) -> Table:
+    """Return PVT rows with another motion: position, both heights, velocity, speed and course.
+
+    A field that a row lacks stays absent; where the motion is the row's own, or absent, the row stays as it is.
+    """
+    was = motion_of(pvt)
+    shift = np.nan_to_num(moved.position - was.position)
+    velocity = _velocity(pvt)
+    gain = np.nan_to_num(moved.rate * metres_per_unit(was.position + shift) - was.rate * metres_per_unit(was.position))
+    north, east, down = np.where(gain != 0, velocity + gain, velocity).T
+    turned = (gain[:, 0] != 0) | (gain[:, 1] != 0)
+    speed = np.hypot(north, east)
+    course = np.where(speed > 0, np.degrees(np.arctan2(east, north)) % 360, pvt["course_deg"])
+    longitude = pvt["lon_deg"] + np.degrees(shift[:, 1])
+    columns = {
+        "lat_deg": pvt["lat_deg"] + np.degrees(shift[:, 0]),
+        "lon_deg": np.where(np.abs(longitude) > 180, (longitude + 180) % 360 - 180, longitude),
+        "height_m": pvt["height_m"] + shift[:, 2],
+        "height_msl_m": pvt["height_msl_m"] + shift[:, 2],
+        "vel_n_mps": np.where(pvt.valid("vel_n_mps"), north, np.nan),
+        "vel_e_mps": np.where(pvt.valid("vel_e_mps"), east, np.nan),
+        "vel_d_mps": down,
+        "speed_mps": np.where(turned & pvt.valid("speed_mps"), speed, pvt["speed_mps"]),
+        "course_deg": np.where(turned & pvt.valid("course_deg"), course, pvt["course_deg"]),
+    }
+    return pvt.replace(**{name: values for name, values in columns.items() if name in pvt})
+
+
+def _velocity(pvt: Table) -> Floats:
+    """Velocity NED (m/s), ``(n, 3)``."""
+    course = np.radians(pvt["course_deg"])
+    level = pvt.valid("vel_n_mps") & pvt.valid("vel_e_mps")
+    north = np.where(level, pvt["vel_n_mps"], pvt["speed_mps"] * np.cos(course))
+    east = np.where(level, pvt["vel_e_mps"], pvt["speed_mps"] * np.sin(course))
+    return np.column_stack([north, east, pvt["vel_d_mps"]])
+
+
+def metres_per_unit(position: Floats) -> Floats:
+    """Metres north, east and down per radian of latitude, of longitude and per metre of height, ``(n, 3)``.
+
+    Rows without a position get the median row's, so that velocities alone can be treated alike.
+    """
+    from pymap3d.rcurve import meridian, transverse
+
+    latitude, height = (_filled(position[:, axis]) for axis in (0, 2))
+    north = meridian(latitude, deg=False) + height
+    east = (transverse(latitude, deg=False) + height) * np.cos(latitude)
+    return np.column_stack([north, east, np.full(latitude.size, -1.0)])
+
+
+def _filled(values: Floats) -> Floats:
+    known = values[np.isfinite(values)]
+    return np.where(np.isfinite(values), values, np.median(known) if known.size else 0.0)
+
+
+def interval_s(table: Table) -> float:
+    """Nominal interval of a table's epochs: the median of their differences.
+
+    Raises:
+        NotApplicable: there are fewer than two epochs.
+    """
+    steps = np.diff(np.unique(table.time_ns))
+    if steps.size == 0:
+        raise NotApplicable(f"a {table.kind.name} table of {len(table)} rows has no rate")
+    return float(np.median(steps)) / 1e9
+
+
+def epochs_s(table: Table) -> Floats:
+    """Times of the receiver's epochs in seconds from the first, ``(n,)``.
+
+    A receiver measures at regular epochs and its stamps jitter: a step within a quarter of the nominal
+    interval of a multiple of it is taken for that multiple, any other as it is stamped.
+    """
+    steps = np.diff(table.time_ns) / 1e9
+    nominal = interval_s(table)
+    multiple = np.rint(steps / nominal)
+    regular = (multiple >= 1) & (np.abs(steps - multiple * nominal) < _NEAR_REGULAR * nominal)
+    if regular.any():
+        nominal = float(steps[regular].sum() / multiple[regular].sum())
+    return np.concatenate([[0.0], np.cumsum(np.where(regular, multiple * nominal, steps))])
