@@ -1,0 +1,172 @@
+"""The plan of a recording: its variants and tasks, each with its id, in the order of the suite."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from spoofbench.plugins import Plugin
+from spoofbench.recording import Interval
+from spoofbench.results import Status, Task
+from spoofbench.runner import identity
+from spoofbench.schema import KINDS
+from spoofbench.suite import AttackEntry, DetectorEntry, RecordingEntry, Suite
+
+Problem = tuple[Status, str]
+"""Why there is nothing to be had: status and reason."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """An attack or detector of the suite, with what its plugin says of itself.
+
+    Attributes:
+        given: the parameters to make it with.
+        full: all its parameters.
+        code: digest of its code.
+        problem: set where the plugin cannot be loaded.
+    """
+
+    entry: AttackEntry | DetectorEntry
+    plugin: Plugin
+    given: Mapping[str, Any]
+    full: Mapping[str, Any]
+    code: str
+    requires: tuple[str, ...] = ()
+    memory_s: float = 0.0
+    problem: Problem | None = None
+
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """What of it decides a result."""
+        return {
+            "id": self.entry.id,
+            "plugin": self.plugin.name,
+            "distribution": self.plugin.distribution,
+            "version": self.plugin.version,
+            "code": self.code,
+            "parameters": dict(self.full),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """What reading a recording tells.
+
+    Attributes:
+        digest: of the decoded rows; None where it could not be read, and then ``problem`` says why.
+        donors: digests of the donors.
+        kinds: what a detector can see.
+        windows: by seed; None where the recording has no room for an attack.
+        unfit: attacks that cannot be made, by id.
+    """
+
+    digest: str | None
+    donors: tuple[str, ...] = ()
+    kinds: frozenset[str] = frozenset()
+    windows: Mapping[int, Interval | None] | None = None
+    unfit: Mapping[str, Problem] | None = None
+    problem: Problem | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A recording under an attack, or unattacked where ``attack`` is None; ``number`` is what detectors' workers know it by."""
+
+    id: str
+    number: str
+    recording: RecordingEntry
+    attack: Part | None
+    window: Interval | None
+    seed: int | None
+    problem: Problem | None
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedTask:
+    """One detector on one variant."""
+
+    id: str
+    variant: Variant
+    detector: Part
+
+    def row(self, target_far_per_hour: float, status: Status, reason: str | None) -> Task:
+        """Return its row of the table of tasks."""
+        variant, attack, detector = self.variant, self.variant.attack, self.detector
+        entry = detector.entry
+        return Task(
+            task_id=self.id,
+            variant_id=variant.id,
+            recording=variant.recording.id,
+            session=variant.recording.session,
+            attack=attack.entry.id if attack else None,
+            attack_parameters=identity.canonical(attack.full) if attack else None,
+            window_start_ns=variant.window.start_ns if variant.window else None,
+            window_end_ns=variant.window.end_ns if variant.window else None,
+            seed=variant.seed,
+            detector=entry.id,
+            plugin=detector.plugin.name,
+            plugin_distribution=detector.plugin.distribution,
+            plugin_version=detector.plugin.version,
+            parameters=identity.canonical(detector.full),
+            requires=", ".join(detector.requires),
+            memory_s=detector.memory_s,
+            hold_s=entry.hold_s if isinstance(entry, DetectorEntry) else None,
+            target_far_per_hour=target_far_per_hour,
+            status=status,
+            reason=reason,
+        )
+
+
+def plan(suite: Suite, recording: RecordingEntry, survey: Survey, attacks: Sequence[Part], detectors: Sequence[Part]) -> list[PlannedTask]:
+    """Return the tasks of a recording: unattacked, then attacks x seeds; each before every detector."""
+    attempts: list[tuple[Part | None, int | None]] = [(None, None), *((attack, seed) for attack in attacks for seed in suite.seeds)]
+    ids = [_variant_id(recording, survey, attack, seed) for attack, seed in attempts]
+    numbers = {name: f"{number:05d}" for number, name in enumerate(sorted(ids))}
+    tasks = []
+    for name, (attack, seed) in zip(ids, attempts, strict=True):
+        variant = Variant(name, numbers[name], recording, attack, _window(survey, attack, seed), seed, _problem(survey, attack))
+        tasks += [PlannedTask(_task_id(suite, variant, detector), variant, detector) for detector in detectors]
+    return tasks
+
+
+def lacking(detector: Part, survey: Survey, kinds: frozenset[str]) -> Problem | None:
+    """Return why a detector cannot run on a variant with these kinds, None where it can."""
+    missing = [kind for kind in detector.requires if kind not in kinds]
+    for kind in missing:
+        if kind not in survey.kinds:
+            return "skipped", f"the recording has no {kind!r}, which the detector requires"
+    for kind in missing:
+        if KINDS[kind].is_gnss_derived:
+            return "not_modelled", f"the attack does not model {kind!r}, which the detector requires"
+    return None
+
+
+def _variant_id(recording: RecordingEntry, survey: Survey, attack: Part | None, seed: int | None) -> str:
+    window = _window(survey, attack, seed)
+    return identity.identify(
+        versions=identity.versions(),
+        recording=recording.id,
+        digest=survey.digest,
+        donors=survey.donors if attack else None,
+        attack=attack.inputs if attack else None,
+        window=[window.start_ns, window.end_ns] if window else None,
+        seed=seed,
+        problem=survey.problem,
+    )
+
+
+def _task_id(suite: Suite, variant: Variant, detector: Part) -> str:
+    limits = {"time_s": suite.limits.time_s, "memory_mb": suite.limits.memory_mb}
+    return identity.identify(versions=identity.versions(), variant=variant.id, detector=detector.inputs, limits=limits)
+
+
+def _window(survey: Survey, attack: Part | None, seed: int | None) -> Interval | None:
+    if attack is None or seed is None or survey.windows is None or attack.entry.id in (survey.unfit or {}):
+        return None
+    return survey.windows[seed]
+
+
+def _problem(survey: Survey, attack: Part | None) -> Problem | None:
+    if survey.problem or attack is None:
+        return survey.problem
+    return attack.problem or (survey.unfit or {}).get(attack.entry.id)
