@@ -54,7 +54,7 @@ class AccelerationMonitor:
         roll: compensate roll as in a coordinated turn, Eq (3).
         acceleration_from: ``velocity`` (first difference) or ``position`` (second difference).
         averaging: what ``averaging_s`` is: a ``span`` or a ``time_constant``; the paper does not say.
-        averaging_s: of the exponential average.
+        averaging_s: of the exponential average; it restarts after a longer gap, over which no acceleration is taken.
         samples: n of Eq (6).
         stride: every how many epochs a sample is taken; the paper does not say.
         bias_mps2: b, the largest nominal bias, Eq (5).
@@ -66,7 +66,8 @@ class AccelerationMonitor:
         flagged_share_alone: or more than this share by the chi-square test alone (``multi``).
         lag_s: how late the receiver's epochs are against the IMU; the IMU is averaged over (t[n-1] - lag, t[n] - lag].
         gate: leave out epochs whose fix type says that there is no fix.
-        slowest_mps: below this speed over ground heading and pitch are held.
+        slowest_mps: below this speed over ground pitch is held and roll is 0, below a quarter of it heading is held. The
+            along-track axis is unavailable before the first motion.
         mounting_pitch_deg: how much further than the vehicle's nose the IMU's forward axis points up.
         gravity_mps2: g; a sensor's own reading at rest is better where it is known.
         axes: what the IMU's x, y, z point to, such as ``frd``; empty: as the recording says, else ``frd``.
@@ -146,14 +147,18 @@ class AccelerationMonitor:
         axes = self.axes or recording.metadata.get(f"source/{source}", {}).get("axes", "frd")
         time_s = _seconds(pvt.time_ns)
         track = self._track(pvt, time_s)
-        heading = heading_rad(track.velocity_mps, self.slowest_mps)
-        level = np.zeros(len(pvt))
-        pitch = pitch_rad(track.velocity_mps, self.slowest_mps) if self.pitch else level
-        roll = roll_rad(track, self.gravity_mps2, self.slowest_mps) if self.roll else level
-        attitude = (roll, pitch + np.radians(self.mounting_pitch_deg), heading)
-        expected = specific_force(track, attitude, axis, self.gravity_mps2)
+        expected = specific_force(track, self._attitude(track), axis, self.gravity_mps2)
         origin_ns = int(pvt.time_ns[0]) if len(pvt) else 0
         return Comparison(pvt.time_ns, sensed_force(imu, axes, axis, time_s - self.lag_s, origin_ns), expected)
+
+    def _attitude(self, track: Track) -> tuple[Floats, Floats, Floats]:
+        level = np.zeros(len(track.velocity_mps))
+        heading = heading_rad(track.velocity_mps, self.slowest_mps / 4)
+        pitch = pitch_rad(track.velocity_mps, self.slowest_mps) if self.pitch else level
+        roll = roll_rad(track, self.gravity_mps2, self.slowest_mps) if self.roll else level
+        if self.axis == "vertical":  # hardly depends on them: what is unknown counts as level
+            heading, pitch = np.nan_to_num(heading), np.nan_to_num(pitch)
+        return roll, pitch + np.radians(self.mounting_pitch_deg), heading
 
     def _track(self, pvt: Table, time_s: Floats) -> Track:
         names = ("vel_n_mps", "vel_e_mps", "vel_d_mps") if self.acceleration_from == "velocity" else ("lat_deg", "lon_deg", "height_m")
@@ -161,9 +166,11 @@ class AccelerationMonitor:
         if self.gate:
             refused = np.isin(pvt["fix_type"], _NO_FIX) & pvt.valid("fix_type")
             columns = [np.where(refused, np.nan, column) for column in columns]
+        steps_s = np.diff(time_s)
+        steps_s[steps_s > self.averaging_s] = np.nan
         if self.acceleration_from == "velocity":
-            return track_from_velocity(time_s, np.column_stack(columns))
-        return track_from_position(time_s, local_position_m(*columns))
+            return track_from_velocity(steps_s, np.column_stack(columns))
+        return track_from_position(steps_s, local_position_m(*columns))
 
 
 def _seconds(time_ns: NDArray[np.int64]) -> Floats:

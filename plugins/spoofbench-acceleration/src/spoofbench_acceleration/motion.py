@@ -26,22 +26,27 @@ class Track:
     acceleration_mps2: Floats
 
 
-def track_from_velocity(time_s: Floats, velocity_mps: Floats) -> Track:
-    """First difference of the velocity; the first row is unavailable. The velocity is the mean of the two epochs'."""
+def track_from_velocity(steps_s: Floats, velocity_mps: Floats) -> Track:
+    """First difference of the velocity; the first row is unavailable. The velocity is the mean of the two epochs'.
+
+    Args:
+        steps_s: intervals between the epochs, ``(n - 1,)``; NaN where one is not to be bridged.
+        velocity_mps: at the epochs, ``(n, 3)``.
+    """
     velocity, acceleration = np.full_like(velocity_mps, np.nan), np.full_like(velocity_mps, np.nan)
     velocity[1:] = (velocity_mps[1:] + velocity_mps[:-1]) / 2
-    acceleration[1:] = np.diff(velocity_mps, axis=0) / np.diff(time_s)[:, None]
+    acceleration[1:] = np.diff(velocity_mps, axis=0) / steps_s[:, None]
     return Track(velocity, acceleration)
 
 
-def track_from_position(time_s: Floats, position_m: Floats) -> Track:
+def track_from_position(steps_s: Floats, position_m: Floats) -> Track:
     """Second difference of the position; the first two rows are unavailable. It lags by half an interval.
 
-    Over uneven intervals it is twice the second divided difference.
+    Over uneven intervals it is twice the second divided difference. Arguments as in :func:`track_from_velocity`.
     """
     velocity, acceleration = np.full_like(position_m, np.nan), np.full_like(position_m, np.nan)
-    velocity[1:] = np.diff(position_m, axis=0) / np.diff(time_s)[:, None]
-    acceleration[2:] = 2 * np.diff(velocity[1:], axis=0) / (time_s[2:] - time_s[:-2])[:, None]
+    velocity[1:] = np.diff(position_m, axis=0) / steps_s[:, None]
+    acceleration[2:] = 2 * np.diff(velocity[1:], axis=0) / (steps_s[1:] + steps_s[:-1])[:, None]
     return Track(velocity, acceleration)
 
 
@@ -61,20 +66,20 @@ def local_position_m(lat_deg: Floats, lon_deg: Floats, height_m: Floats) -> Floa
 def pitch_rad(velocity_mps: Floats, slowest_mps: float) -> Floats:
     """Pitch of a vehicle whose nose follows its velocity, Lo et al. (2017) Eq (2); ``(n,)``.
 
-    Below ``slowest_mps`` over ground the last pitch is held, at first 0: a vehicle keeps its slope when it stops.
+    Below ``slowest_mps`` over ground the last pitch is held, since a vehicle keeps its slope when it stops; NaN before any.
     """
     ground = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1])
     return _held(np.arctan2(-velocity_mps[:, 2], ground), ground >= slowest_mps)
 
 
 def heading_rad(velocity_mps: Floats, slowest_mps: float) -> Floats:
-    """Course over ground, held below ``slowest_mps``; ``(n,)``."""
+    """Course over ground, held below ``slowest_mps``, NaN before any; ``(n,)``."""
     ground = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1])
     return _held(np.arctan2(velocity_mps[:, 1], velocity_mps[:, 0]), ground >= slowest_mps)
 
 
 def roll_rad(track: Track, gravity_mps2: float, slowest_mps: float) -> Floats:
-    """Roll of a coordinated turn, atan(v omega / g), positive to the right; ``(n,)``.
+    """Roll of a coordinated turn, atan(v omega / g), positive to the right; NaN without acceleration; ``(n,)``.
 
     Lo et al. (2017) Eq (3) prints atan(v^2 / r), which lacks g. Eq (4) takes r from dN/dE and fails heading north: the
     course rate omega = v / r serves instead, 0 below ``slowest_mps``.
@@ -156,6 +161,6 @@ def sensor_axis(axes: str, axis: str) -> tuple[str, int]:
 
 
 def _held(values: Floats, good: NDArray[np.bool_]) -> Floats:
-    """Each row's last good value, 0 before the first."""
+    """Each row's last good value, NaN before the first."""
     last = np.maximum.accumulate(np.where(good, np.arange(values.size), -1))
-    return np.where(last >= 0, values[last], 0.0)
+    return np.where(last >= 0, values[last], np.nan)
