@@ -1,7 +1,8 @@
 """The correlation detector: magnitude verification (MAV) and horizontal components (HoC)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,21 +11,21 @@ from spoofbench.detecting import Decisions
 from spoofbench.errors import PluginError
 from spoofbench.recording import Recording, Table
 from spoofbench_correlation import gnss, gravity, imu, windows
+from spoofbench_correlation.series import Comparison, series
 
 Floats = NDArray[np.float64]
-Statistic = Literal["M_acc", "M_ag", "H_acc", "H_ag", "M", "H"]
+Statistic = Literal[Comparison, "M", "H"]
 Gravity = Literal["low_pass", "descent", "constant"]
 
+COMPARISONS: Mapping[Statistic, tuple[Comparison, ...]] = {
+    "M_acc": ("M_acc",),
+    "M_ag": ("M_ag",),
+    "H_acc": ("H_acc",),
+    "H_ag": ("H_ag",),
+    "M": ("M_acc", "M_ag"),
+    "H": ("H_acc", "H_ag"),
+}
 TURN_SPEED_MPS = 10.0  # at which adaptive weighting takes a yaw rate and its centripetal acceleration as equal
-
-
-class _Pairs(NamedTuple):
-    """Series per pair of epochs: ``imu`` and ``gnss`` have shape ``(k, n)``, the rest ``(n,)``."""
-
-    imu: Floats
-    gnss: Floats
-    start_ns: NDArray[np.int64]
-    end_ns: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,15 @@ class Correlation:
         checks = {
             "alpha": (0 <= self.alpha <= 1, "between 0 and 1"),
             "threshold": (-1 <= self.threshold < 1, "at least -1 and below 1"),
-            "window_s": (self.window_s > 0, "positive"),
+            "window_s": (0 < self.window_s < np.inf, "positive and finite"),
             "gravity_s": (self.gravity_s > 0, "positive"),
             "w": (self.w >= 0, "0 or more"),
             "g": (self.g is None or self.g > 0, "positive"),
-            "lag_s": (self.lag_s >= 0, "0 or more, or a decision would rest on the future"),
-            "median_filter": (self.median_filter >= 1 and self.median_filter % 2 == 1, "odd and positive"),
+            "lag_s": (0 <= self.lag_s < np.inf, "0 or more, or a decision would rest on the future"),
+            "median_filter": (
+                isinstance(self.median_filter, int) and self.median_filter > 0 and self.median_filter % 2 == 1,
+                "an odd whole number",
+            ),
             "min_share": (0 < self.min_share <= 1, "above 0 and at most 1"),
         }
         for name, (good, rule) in checks.items():
@@ -96,35 +100,25 @@ class Correlation:
         velocity = gnss.velocity(recording.primary("gnss/pvt"))
         if velocity.time_ns.size < 2:
             return Decisions(velocity.time_ns, np.zeros(velocity.time_ns.size), np.zeros(velocity.time_ns.size, bool))
-        value = self._value(self._pairs(recording.primary("imu"), velocity))
-        score = np.append(np.nan, (1 - value) / (1 - self.threshold))
+        start_ns, end_ns = velocity.time_ns[:-1], velocity.time_ns[1:]
+        x, y = self._series(recording.primary("imu"), velocity)
+        dt_s = (end_ns - start_ns) / 1e9
+        valid = (dt_s <= gnss.LONGEST_PAIR_S) & ~np.isnan(x).any(axis=0) & ~np.isnan(y).any(axis=0)
+        first = windows.first_of_window(start_ns, end_ns, self.window_s)
+        value = self._combined(windows.correlate(x, y, valid, first))
+        covered = windows.covered_s(dt_s, valid, first) >= self.min_share * self.window_s
+        score = np.append(np.nan, np.where(covered, (1 - value) / (1 - self.threshold), np.nan))
         return Decisions(velocity.time_ns, score, ~np.isnan(score))
 
-    def _pairs(self, rows: Table, velocity: gnss.Velocity) -> _Pairs:
-        """The series that the statistic compares: acceleration, angular rate, or both."""
-        start, end = velocity.time_ns[:-1], velocity.time_ns[1:]
-        lag = round(self.lag_s * 1e9)
-        motion = imu.interval_means(rows, start - lag, end - lag)
-        acceleration, turn = gnss.acceleration(velocity), gnss.heading_rate(velocity)
-        pairs = []
-        if self.statistic == "M_ag":
-            down = np.full_like(motion.force_mps2, np.nan)
-        else:
-            down = self._gravity(rows, motion, end - lag, (end - start) / 1e9)
-        if self.statistic in ("M_acc", "M"):
-            pairs.append((_norm(motion.force_mps2 - down), _norm(acceleration)))
-        if self.statistic in ("M_ag", "M"):
-            pairs.append((_norm(motion.rate_radps), np.abs(turn)))
-        if self.statistic.startswith("H"):
-            up = down / _norm(down)
-            if self.statistic != "H_ag":
-                level = motion.force_mps2 - (motion.force_mps2 * up).sum(axis=0) * up
-                pairs.append((_norm(level), _norm(acceleration[:2])))
-            if self.statistic != "H_acc":
-                # Up is against the heading's sense, whatever the sensor's own axes are.
-                pairs.append((-(motion.rate_radps * up).sum(axis=0), turn))
-        ours, theirs = (np.stack(series) for series in zip(*pairs, strict=True))
-        return _Pairs(ours, theirs, start, end)
+    def _series(self, rows: Table, velocity: gnss.Velocity) -> tuple[Floats, Floats]:
+        """The IMU's and the receiver's series per pair of epochs, shapes ``(k, n)``, k = 2 for a combination."""
+        start_ns, end_ns = velocity.time_ns[:-1], velocity.time_ns[1:]
+        lag_ns = round(self.lag_s * 1e9)
+        motion = imu.interval_means(rows, start_ns - lag_ns, end_ns - lag_ns)
+        rest = self._gravity(rows, motion, end_ns - lag_ns, (end_ns - start_ns) / 1e9)
+        pairs = [series(comparison, motion, rest, velocity) for comparison in COMPARISONS[self.statistic]]
+        x, y = (windows.trailing_median(np.stack(sides), self.median_filter) for sides in zip(*pairs, strict=True))
+        return x, y
 
     def _gravity(self, rows: Table, motion: imu.Motion, time_ns: NDArray[np.int64], dt_s: Floats) -> Floats:
         force = motion.force_mps2
@@ -138,18 +132,10 @@ class Correlation:
             g = gravity.static_norm(force, imu.is_stationary(rows, time_ns, imu.Rest()) == 1)
         return gravity.descent(force, motion.rate_radps, dt_s, g, self.w, self.gravity_s)
 
-    def _value(self, pairs: _Pairs) -> Floats:
-        """The statistic per pair, NaN where it is unavailable, shape ``(n,)``."""
-        dt_s = (pairs.end_ns - pairs.start_ns) / 1e9
-        x, y = (windows.trailing_median(series, self.median_filter) for series in (pairs.imu, pairs.gnss))
-        valid = (dt_s <= gnss.LONGEST_PAIR_S) & ~np.isnan(x).any(axis=0) & ~np.isnan(y).any(axis=0)
-        first = windows.first_of_window(pairs.start_ns, pairs.end_ns, self.window_s)
-        found = windows.correlate(x, y, valid, first)
-        value = found.coefficient[0] if len(x) == 1 else self._combined(found)
-        return np.where(windows.covered_s(dt_s, valid, first) >= self.min_share * self.window_s, value, np.nan)
-
     def _combined(self, found: windows.Correlation) -> Floats:
-        """Eq (15): ``(1 - alpha) C_acc + alpha C_ag``."""
+        """The one coefficient, or Eq (15): ``(1 - alpha) C_acc + alpha C_ag``."""
+        if len(found.coefficient) == 1:
+            return np.asarray(found.coefficient[0])
         alpha = np.full(found.std_x.shape[1], self.alpha)
         if self.adaptive:
             spread = np.minimum(found.std_x, found.std_y)
@@ -157,8 +143,3 @@ class Correlation:
             np.divide(rate, acceleration + rate, out=alpha, where=acceleration + rate > 0)
         combined: Floats = (1 - alpha) * found.coefficient[0] + alpha * found.coefficient[1]
         return combined
-
-
-def _norm(vectors: Floats) -> Floats:
-    """Euclidean norm over the first axis."""
-    return np.asarray(np.sqrt((vectors * vectors).sum(axis=0)))

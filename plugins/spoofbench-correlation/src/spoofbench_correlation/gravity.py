@@ -82,11 +82,10 @@ def descent(force: Floats, rate: Floats, dt_s: Floats, g: Floats, w: float, time
     squares = [force[i] * force[j] - w * rate[i] * rate[j] for i, j in pairs]
     averages = low_pass(np.stack([*squares, *force]), dt_s, time_constant_s)
     gravity = np.full_like(force, np.nan)
-    ready = np.flatnonzero(~np.isnan(averages).any(axis=0) & ~np.isnan(g))
+    ready = np.flatnonzero((np.linalg.norm(averages[6:], axis=0) > 0) & (g > 0))
     if not ready.size:
         return gravity
-    mean = averages[6:, ready[0]]
-    unit = mean / np.linalg.norm(mean)
+    unit = averages[6:, ready[0]] / np.linalg.norm(averages[6:, ready[0]])
     u: tuple[float, float, float] = tuple(unit.tolist())
     estimates = []
     for cost, norm in zip(averages[:, ready].T.tolist(), g[ready].tolist(), strict=True):
