@@ -41,10 +41,20 @@ class Reject:
 
 
 @dataclass(frozen=True, slots=True)
+class Extent:
+    """How many units the source holds, as far as the converter knows beforehand: for progress alone."""
+
+    units: int
+
+
+@dataclass(frozen=True, slots=True)
 class Facts:
     """Metadata that the converter learned: ``primary``, ``source/<name>``, ``recording``; later facts win."""
 
     metadata: Mapping[str, Mapping[str, str]]
+
+
+Item = Block | Reject | Facts | Extent
 
 
 class Options(Protocol):
@@ -70,6 +80,10 @@ class Converter(Protocol):
         """Return 0 (not mine) to 1 (certain), judged by content, never by name alone."""
         ...
 
-    def convert(self, source: Source, options: Any) -> Iterator[Block | Reject | Facts]:
-        """Yield what the log holds, in file order, in bounded memory."""
+    def convert(self, source: Source, options: Any) -> Iterator["Item"]:
+        """Yield what the log holds, in file order, in bounded memory.
+
+        Raises:
+            ConversionError: the log as a whole cannot be converted.
+        """
         ...

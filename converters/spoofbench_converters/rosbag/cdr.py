@@ -1,0 +1,216 @@
+"""CDR messages to numpy: a message's byte layout is walked once and laid over all messages that share it.
+
+Plain CDR (Object Management Group, CORBA 3.0, chapter 15.3), as ROS 2 writes it: four bytes of
+encapsulation, then the fields in order, each scalar aligned to its size from there; a sequence is a
+4-byte count and its elements, a string a 4-byte length and its bytes with a closing zero.
+"""
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.errors import ConversionError
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Typesdict
+
+MAX_FIELDS = 4096
+MAX_LAYOUTS = 8
+MAX_DEFINITION_BYTES = 1_048_576
+_ENCAPSULATIONS = {b"\x00\x00": ">", b"\x00\x01": "<"}
+_TAIL_BYTES = 3  # some writers pad to four bytes
+_SCALARS = {
+    "bool": "u1", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+
+Definitions = Mapping[str, tuple[Any, Sequence[tuple[str, Any]]]]
+"""Constants and fields by message type, as rosbags parses them."""
+
+
+class CdrError(Exception):
+    """A message that cannot be decoded, and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Messages of one layout: their places in the given sequence, and one structured row each.
+
+    Fields bear dotted paths (``header.seq``, ``status.0.level``); sequences and arrays of scalars are subarrays.
+    """
+
+    index: NDArray[np.intp]
+    rows: NDArray[Any]
+
+
+def parse(text: str, name: str) -> "Typesdict":
+    """Return the definitions in a ``.msg`` text of a type ``package/msg/Type``.
+
+    Raises:
+        ConversionError: it is not a message definition.
+    """
+    from rosbags.typesys import TypesysError, get_types_from_msg
+
+    try:
+        return get_types_from_msg(text, name)
+    except TypesysError as error:
+        raise ConversionError(f"the definition of {name!r} cannot be parsed: {error}") from error
+
+
+def read_folder(folder: Path, types: Sequence[str]) -> Definitions:
+    """Return the definitions in a folder's ``.msg`` files.
+
+    A file is ``<package>/msg/<Type>.msg`` or ``<package>/<Type>.msg`` somewhere below the folder,
+    ``<package>__<Type>.msg``, or ``<Type>.msg`` for each package among ``types``.
+
+    Raises:
+        ConversionError: the folder has none, or one of them cannot be parsed.
+    """
+    packages = sorted({name.partition("/")[0] for name in types})
+    definitions: dict[str, Any] = {}
+    for path in sorted(folder.rglob("*.msg")):
+        if path.stat().st_size > MAX_DEFINITION_BYTES:
+            raise ConversionError(f"the definition {path.name!r} is larger than {MAX_DEFINITION_BYTES:,} bytes")
+        text = path.read_text("utf-8", errors="replace")
+        package, _, name = path.stem.rpartition("__")
+        parent = path.parent.parent if path.parent.name == "msg" else path.parent
+        owners = [package] if package else [parent.name] if parent.name in packages or parent != folder else packages
+        for owner in owners:
+            definitions.update(parse(text, f"{owner}/msg/{name}"))
+    if not definitions:
+        raise ConversionError(f"the folder of definitions {str(folder)!r} holds no .msg file")
+    return definitions
+
+
+def decode(messages: Sequence[bytes], name: str, types: Definitions) -> tuple[list[Group], list[tuple[int, str]]]:
+    """Return all messages of a type by layout, and the place and reason of each that cannot be decoded."""
+    groups: list[Group] = []
+    failures: list[tuple[int, str]] = []
+    lengths = np.fromiter(map(len, messages), np.intp, len(messages))
+    for length in np.unique(lengths).tolist():
+        index, passes = np.flatnonzero(lengths == length), 0
+        while index.size:
+            try:
+                layout = _walk(messages[index[0]], name, types)
+            except CdrError as error:
+                failures.append((int(index[0]), str(error)))
+                index = index[1:]
+                continue
+            passes += 1
+            tried = index if passes <= MAX_LAYOUTS else index[:1]
+            whole = messages if tried.size == len(messages) else [messages[i] for i in tried.tolist()]
+            rows = np.frombuffer(b"".join(whole), layout.dtype)
+            same = layout.fits(rows)
+            groups.append(Group(tried, rows) if same.all() else Group(tried[same], rows[same]))
+            index = np.concatenate([tried[~same], index[tried.size :]])
+    return groups, failures
+
+
+@dataclass(slots=True)
+class _Layout:
+    """Byte layout under construction: fields with their offsets, and the counts that hold it together."""
+
+    message: bytes
+    order: str
+    types: Definitions
+    at: int = 4
+    names: list[str] = field(default_factory=list)
+    formats: list[Any] = field(default_factory=list)
+    offsets: list[int] = field(default_factory=list)
+    counts: list[str] = field(default_factory=list)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return np.dtype(
+            {
+                "names": ["encapsulation", *self.names],
+                "formats": ["S2", *self.formats],
+                "offsets": [0, *self.offsets],
+                "itemsize": len(self.message),
+            }
+        )
+
+    def fits(self, rows: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which messages have the encapsulation and the counts of the one that was walked."""
+        same = np.asarray(rows["encapsulation"] == rows["encapsulation"][0])
+        for name in self.counts:
+            same &= rows[name] == rows[name][0]
+        return same
+
+    def place(self, name: str, code: str, shape: tuple[int, ...] = (), align: int | None = None) -> int:
+        """Add one field at the next aligned place; return its offset."""
+        item = np.dtype(code)
+        size = align or item.itemsize
+        self.at += -(self.at - 4) % size
+        offset = self.at
+        self.at += item.itemsize * int(np.prod(shape))
+        if self.at > len(self.message):
+            raise CdrError("the message is shorter than its definition")
+        if len(self.names) >= MAX_FIELDS:
+            raise CdrError(f"the message has more than {MAX_FIELDS} fields")
+        self.names.append(name)
+        self.formats.append((item, shape) if shape else item)
+        self.offsets.append(offset)
+        return offset
+
+    def count(self, name: str) -> int:
+        """Add the count of a sequence or string; return its value here."""
+        offset = self.place(f"{name}#", f"{self.order}u4")
+        self.counts.append(f"{name}#")
+        value: int = struct.unpack_from(f"{self.order}I", self.message, offset)[0]
+        if value > len(self.message) - self.at:
+            raise CdrError(f"the field {name!r} is longer than the message")
+        return value
+
+
+def _walk(message: bytes, name: str, types: Definitions) -> _Layout:
+    order = _ENCAPSULATIONS.get(message[:2])
+    if order is None:
+        raise CdrError(f"the encapsulation is not plain CDR but 0x{message[:2].hex()}")
+    layout = _Layout(message, order, types)
+    _walk_type(layout, "", name)
+    if len(message) - layout.at > _TAIL_BYTES:
+        raise CdrError("the message is longer than its definition")
+    return layout
+
+
+def _walk_type(layout: _Layout, prefix: str, name: str) -> None:
+    if name not in layout.types:
+        raise CdrError(f"no definition of {name!r}")
+    fields = layout.types[name][1]
+    if not fields:
+        raise CdrError(f"the definition of {name!r} has no fields")
+    for field_name, description in fields:
+        _walk_field(layout, f"{prefix}{field_name}", description)
+
+
+def _walk_field(layout: _Layout, path: str, description: Any) -> None:
+    from rosbags.interfaces import Nodetype
+
+    kind, inner = description
+    if kind == Nodetype.NAME:
+        _walk_type(layout, f"{path}.", inner)
+    elif kind == Nodetype.BASE:
+        _walk_base(layout, path, inner[0], None)
+    else:
+        element, length = inner
+        length = length if kind == Nodetype.ARRAY else layout.count(path)
+        if element[0] == Nodetype.BASE and element[1][0] != "string":
+            _walk_base(layout, path, element[1][0], length)
+        else:
+            for place in range(length):
+                _walk_field(layout, f"{path}.{place}", element)
+
+
+def _walk_base(layout: _Layout, path: str, base: str, length: int | None) -> None:
+    if base == "string":
+        layout.place(path, f"S{max(layout.count(path), 1)}", align=1)
+    elif base not in _SCALARS:
+        raise CdrError(f"the field {path!r} is of the type {base!r}, which cannot be decoded")
+    elif length != 0:
+        layout.place(path, f"{layout.order}{_SCALARS[base]}", () if length is None else (length,))
