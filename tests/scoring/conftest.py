@@ -84,17 +84,18 @@ class Bench:
         alerts: Sequence[int] | range = (),
         unavailable: Sequence[int] | range = (),
         status: Status = "ok",
+        epochs: int = EPOCHS,
         **about: Any,
     ) -> None:
         """Add one task; an alert's score is 2, silence's 0.5."""
         windows = [] if attack is None else [window]
         task_id = f"t{len(self.tasks)}"
         variant_id = f"{about.get('recording', 'drive')}-{attack}-{window[0]}-{window[1]}"
-        write_truth(self.path, variant_id, truth_of(windows))
-        score, available = np.full(EPOCHS, 0.5), np.ones(EPOCHS, bool)
+        write_truth(self.path, variant_id, truth_of(windows, epochs))
+        score, available = np.full(epochs, 0.5), np.ones(epochs, bool)
         score[list(alerts)], available[list(unavailable)] = 2.0, False
         reason = None if status == "ok" else f"it is {status}"
-        decisions = Decisions(np.arange(EPOCHS) * S, score, available) if status == "ok" else None
+        decisions = Decisions(np.arange(epochs) * S, score, available) if status == "ok" else None
         write_outcome(self.path, task_id, Outcome(status, reason, decisions))
         known: Mapping[str, Any] = {"seed": None if attack is None else 0, **about}
         task = replace(TASK, task_id=task_id, variant_id=variant_id, attack=attack, detector=detector, status=status, reason=reason)

@@ -54,6 +54,15 @@ def test_an_attacked_task_has_detection_and_no_false_alerts(bench: Any) -> None:
     assert (event["start_ns"], event["length_s"], event["ttfd_s"]) == (100_000_000_000, 60, 10)
 
 
+def test_the_largest_undetected_error_is_that_without_an_alert(bench: Any) -> None:
+    bench.add("d", "replay", alerts=[*range(110, 120), *range(130, 160)])
+    bench.add("d", "replay", alerts=range(100, 160))
+    some, none = bench.score()
+    assert some["largest_undetected_position_error_m"] == 30
+    assert none["largest_undetected_position_error_m"] is None
+    assert [event["largest_undetected_position_error_m"] for event in bench.rows("events")] == [30, None]
+
+
 @pytest.mark.parametrize("status", ["failed", "timeout", "out_of_memory"])
 def test_a_failure_is_a_miss(bench: Any, status: str) -> None:
     bench.add("d", status=status)

@@ -71,6 +71,12 @@ def test_epochs_that_an_attack_deletes_stay_on_the_grid(kept: list[float]) -> No
     assert not np.isnan(truth.clean_lat_deg[~truth.observed]).any()
 
 
+def test_epochs_at_slightly_other_times_are_not_doubled() -> None:
+    truth = build_truth(recording([0, 1, 2, 3]), recording([0.2, 1.2, 2.2, 3.2]))
+    assert seconds(truth) == [0.2, 1.2, 2.2, 3.2]
+    assert np.isnan(truth.position_error_m).all()
+
+
 def test_a_variant_without_pvt_is_scored_on_the_clean_epochs() -> None:
     clean = recording([0, 1, 2])
     truth = build_truth(clean, clean.replace({TOPIC: None}))

@@ -54,12 +54,12 @@ def test_equals_share_a_rank(bench: Any) -> None:
 
 def test_false_alerts_are_pooled_by_time(bench: Any) -> None:
     bench.add("d", alerts=[10, 50], recording="one", session="one")
-    bench.add("d", alerts=range(150), unavailable=range(100, 200), recording="two", session="two")
+    bench.add("d", alerts=range(150), unavailable=range(100, 400), recording="two", session="two", epochs=400)
     (row,) = ranked(bench).rows
     assert row.far_per_hour == pytest.approx((2 + 2) / (300 / 3600))
     assert row.far_floor_per_hour == pytest.approx(3 / (300 / 3600))
     assert row.far_epoch == pytest.approx((2 + 100) / 300)
-    assert row.availability == 0.75
+    assert row.availability == 0.5
 
 
 def test_misses_times_and_failures(bench: Any) -> None:

@@ -1,11 +1,12 @@
 """Scores: what a detector's decisions are worth against the truth.
 
-Four floors: :mod:`.grid` puts decisions and truth on one grid of epochs, :mod:`.measures` are the definitions,
-:mod:`.folder` scores a results folder, :mod:`.ranking` makes its leaderboard.
+:mod:`.grid` puts decisions and truth on one grid of epochs, :mod:`.measures` says what a detector did there,
+:mod:`.estimates` what that tells with which certainty, :mod:`.folder` scores a results folder and :mod:`.ranking`
+makes its leaderboard.
 
-Conventions that differ from Lo et al. (2017), Table 2, or agree with it where one might not expect so:
+Two conventions of Lo et al. (2017), Table 2, to keep in mind beside these scores:
 
-- Unavailable epochs of an attack count as missed, as in the table's percentages.
-- Time to first detection is first alert minus start of the attack, so an alert at the first spoofed epoch has
-  0 s. The table's is one epoch longer: ``(k_first - k_on + 1) dt``.
+- Its percentages count unavailable epochs as missed, as ``detection_pct`` does.
+- Its time to first detection is one epoch longer than first alert minus start, which is ``ttfd_s``:
+  ``(k_first - k_on + 1) dt``, so that an alert at the first spoofed epoch has dt instead of 0.
 """
