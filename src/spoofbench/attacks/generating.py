@@ -12,6 +12,7 @@ from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording, Table
 
 _SMOOTHER = np.array([-3.0, 12.0, 17.0, 12.0, -3.0]) / 35  # least-squares parabola through five samples (Savitzky, Golay 1964)
+_SAME_SPEED_MPS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +20,8 @@ class ZeroAcceleration:
     """The best that an attacker can do who does not know the victim's acceleration: none (Lo et al. 2017).
 
     Velocity is held from the last genuine epoch, position is its integral. On top lie residuals of the clean
-    data (rows less their local parabola, from a drawn stretch outside the window), so that noise stays natural.
+    data (rows less their local parabola, outside the window, from a drawn row on), so that noise stays natural:
+    those of rows at about the held speed where there are enough, since noise at rest is not that of driving.
 
     Attributes:
         strength: share of the genuine motion that is replaced: 0 leaves it, 1 leaves none of the acceleration.
@@ -53,7 +55,7 @@ class ZeroAcceleration:
         motion, epoch = motion_of(table), epochs_s(table)
         last = _last_known(motion, int(rows[0]))
         elapsed = (epoch[rows] - epoch[last])[:, None]
-        noise = _residuals(motion, epoch, rows, draw)
+        noise = _residuals(motion, epoch, rows, _speeds(motion) - _speeds(motion)[last], draw)
         # genuine noise fades with the genuine motion: the two shares keep its variance
         share = np.sqrt(1 - (1 - self.strength) ** 2)
         held = Motion(motion.position[last] + motion.rate[last] * elapsed, np.broadcast_to(motion.rate[last], noise.rate.shape))
@@ -73,8 +75,16 @@ def _last_known(motion: Motion, row: int) -> int:
     return int(np.flatnonzero(known)[-1])
 
 
-def _residuals(motion: Motion, epoch: Floats, rows: Rows, draw: float) -> Motion:
-    """Rows outside the window less their local parabola, as many as the window has, in their order from a drawn one on."""
+def _speeds(motion: Motion) -> Floats:
+    """Level speed (m/s), ``(n,)``."""
+    return np.asarray(np.hypot(*(motion.rate * metres_per_unit(motion.position))[:, :2].T), np.float64)
+
+
+def _residuals(motion: Motion, epoch: Floats, rows: Rows, faster: Floats, draw: float) -> Motion:
+    """Rows outside the window less their local parabola, as many as the window has, in their order from a drawn one on.
+
+    ``faster`` is each row's speed above the wanted one.
+    """
     n = epoch.size
     both = np.hstack([motion.position, motion.rate])
     middle = np.arange(2, n - 2)
@@ -84,7 +94,8 @@ def _residuals(motion: Motion, epoch: Floats, rows: Rows, draw: float) -> Motion
     step = np.diff(epoch)
     even = np.abs(np.lib.stride_tricks.sliding_window_view(step, 4) - np.median(step)).max(axis=1) < 0.1 * np.median(step)
     usable = even & np.isfinite(residual[:, reported]).all(axis=1) & ((middle + 2 < rows[0]) | (middle - 2 > rows[-1]))
-    pool = residual[usable]
+    alike = usable & (np.abs(faster[middle]) < _SAME_SPEED_MPS)
+    pool = residual[alike if alike.sum() >= rows.size else usable]
     if not len(pool):
         raise NotApplicable("no five regular epochs outside the window show what the receiver's noise is")
     drawn = np.nan_to_num(pool[(int(draw * len(pool)) + np.arange(rows.size)) % len(pool)])

@@ -1,0 +1,359 @@
+"""What every attack must keep, as checks that name the law that is broken.
+
+Three lines hold an attack to its contract::
+
+    from spoofbench.testing.attacks import attack_checks
+
+    @attack_checks("my-attack", strength=2.0)
+    def test_conformance(check): check()
+"""
+
+import dataclasses
+import pickle
+import random
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from spoofbench import plugins
+from spoofbench.attacks.contract import Attack, draw_window, falsify, parameters_of, supply_of
+from spoofbench.attacks.laws import differing
+from spoofbench.attacks.rounding import resolutions
+from spoofbench.errors import NotApplicable
+from spoofbench.recording import Interval, Recording, Table
+from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
+from spoofbench.testing.detectors import CheckResult
+from spoofbench.testing.recordings import drive
+from spoofbench.testing.subject import CheckFailed
+
+if TYPE_CHECKING:
+    import pytest
+
+_WINDOW_S = 20.0
+_SEEDS = (0, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """One attacked recording beside the clean one."""
+
+    name: str
+    clean: Recording
+    donors: tuple[Recording, ...]
+    window: Interval
+    seed: int
+    attacked: Recording
+
+
+@dataclass(frozen=True)
+class Subject:
+    """An attack under test: an instance, or the name of an entry point and its parameters."""
+
+    given: str | Attack
+    parameters: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        return self.given if isinstance(self.given, str) else type(self.given).__name__
+
+    @cached_property
+    def attack(self) -> Attack:
+        """The instance, made from the entry point where a name was given.
+
+        Raises:
+            PluginError: there is no such entry point, or it refuses the parameters.
+        """
+        if not isinstance(self.given, str):
+            return self.given
+        made: Attack = plugins.make(plugins.ATTACKS, self.given, self.parameters)
+        return made
+
+    @cached_property
+    def variants(self) -> tuple[Variant, ...]:
+        """What the attack makes of the examples that it can be made on."""
+        made: list[Variant] = []
+        for name, (clean, donors) in examples().items():
+            for seed in _SEEDS:
+                try:
+                    window = draw_window(0, name, seed, supply_of(self.attack, clean, donors), _WINDOW_S)
+                    attacked = falsify(self.name, self.attack, clean, window, seed, donors)
+                except NotApplicable:
+                    continue
+                made.append(Variant(name, clean, donors, window, seed, attacked))
+        return tuple(made)
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One law, ready to be called.
+
+    Raises:
+        CheckFailed: the attack breaks the law.
+        PluginError: the attack breaks a law that :func:`spoofbench.attacks.contract.falsify` enforces.
+    """
+
+    law: Callable[[Subject], None]
+    subject: Subject
+
+    def __call__(self) -> None:
+        self.law(self.subject)
+
+    def __str__(self) -> str:
+        return self.law.__name__
+
+
+def attack_checks(attack: str | Attack, **parameters: Any) -> "pytest.MarkDecorator":
+    """Parametrise a test's argument ``check`` with all checks of an attack.
+
+    Args:
+        attack: name of an entry point of ``spoofbench.attacks``, or an instance.
+        parameters: of the entry point's dataclass.
+    """
+    import pytest
+
+    subject = Subject(attack, MappingProxyType(parameters))
+    return pytest.mark.parametrize("check", [Check(law, subject) for law in LAWS], ids=str)
+
+
+def run_attack_checks(attack: str | Attack, parameters: Mapping[str, Any] = MappingProxyType({})) -> list[CheckResult]:
+    """Run all checks of an attack and return what each said.
+
+    Raises:
+        PluginError: there is no such attack, it cannot be loaded, or it refuses the parameters.
+    """
+    subject = Subject(attack, parameters)
+    _ = subject.attack
+    return [_result(Check(law, subject)) for law in LAWS]
+
+
+def _result(check: Check) -> CheckResult:
+    try:
+        check()
+    except CheckFailed as failure:
+        return CheckResult(str(check), False, str(failure))
+    except Exception as error:  # noqa: BLE001  a plugin may raise anything
+        return CheckResult(str(check), False, f"{type(error).__name__}: {error}")
+    return CheckResult(str(check), True, None)
+
+
+@cache
+def examples() -> Mapping[str, tuple[Recording, tuple[Recording, ...]]]:
+    """The recordings that are attacked, each with its donors."""
+    long, quick, other = drive(1, 420.0), drive(2, 60.0, 10.0, second_sources=True), drive(3, 90.0, 10.0)
+    return {
+        "a drive at 1 Hz": (long, ()),
+        "a drive at 1 Hz with a donor": (long, (drive(4, 240.0),)),
+        "a drive at 10 Hz with second sources": (quick, ()),
+        "a drive at 10 Hz with a donor": (quick, (other,)),
+        "a drive without velocity": (_without(long, "vel_n_mps", "vel_e_mps", "vel_d_mps"), ()),
+        "a drive without position": (_without(long, "lat_deg", "lon_deg", "height_m"), ()),
+        "a drive with speed and course": (_as_nmea(long), ()),
+    }
+
+
+def _each_pvt(recording: Recording, change: Callable[[Table], Table]) -> Recording:
+    return recording.replace({topic: change(recording[topic]) for topic in recording.topics("gnss/pvt")})
+
+
+def _without(recording: Recording, *names: str) -> Recording:
+    return _each_pvt(recording, lambda table: table.replace(**dict.fromkeys(names)))
+
+
+def _as_nmea(recording: Recording) -> Recording:
+    """Speed in knots and course instead of velocity, and both heights, with the decimals of NMEA sentences."""
+
+    def change(table: Table) -> Table:
+        north, east = table["vel_n_mps"], table["vel_e_mps"]
+        height = np.round(table["height_m"], 1)
+        return table.replace(
+            speed_mps=np.round(np.hypot(north, east) * 3600 / 1852, 2) * (1852 / 3600),
+            course_deg=np.round(np.degrees(np.arctan2(east, north)) % 360, 2) % 360,
+            lat_deg=np.round(table["lat_deg"] * 60, 5) / 60,
+            lon_deg=np.round(table["lon_deg"] * 60, 5) / 60,
+            height_m=height,
+            height_msl_m=np.round(height - 47.3, 1),
+            vel_n_mps=None,
+            vel_e_mps=None,
+            vel_d_mps=None,
+        )
+
+    return _each_pvt(recording, change)
+
+
+def _require(condition: bool, reason: str) -> None:
+    if not condition:
+        raise CheckFailed(reason)
+
+
+def is_a_frozen_dataclass(subject: Subject) -> None:
+    """It is a frozen dataclass whose parameters JSON can hold, and it models GNSS-derived kinds."""
+    attack: Any = subject.attack
+    parameters_of(subject.name, attack)
+    _require(attack.__dataclass_params__.frozen, f"{type(attack).__name__} is not frozen: write @dataclass(frozen=True)")
+    for name in ("attack_class", "level", "strength_unit"):
+        text = getattr(attack, name)
+        _require(isinstance(text, str) and bool(text), f"{name} must be a text, not {text!r}")
+    _require(bool(attack.models), "models is empty: an attack must change at least one kind")
+
+
+def attacks(subject: Subject) -> None:
+    """It can be made on at least one example, and keeps the laws that the harness enforces on all of them."""
+    _require(bool(subject.variants), f"no example can be attacked with a window of {_WINDOW_S} s: try a smaller strength")
+
+
+def leaves_what_it_cannot_touch(subject: Subject) -> None:
+    """Other sensors, the reference and metadata are the clean recording's; GNSS-derived kinds without a model are gone."""
+    for variant in subject.variants:
+        clean, attacked = variant.clean, variant.attacked
+        for topic in clean:
+            kind = KINDS[split_topic(topic)[1]]
+            if not kind.is_gnss_derived:
+                _require(topic in attacked and _same_rows(clean[topic], attacked[topic]), f"on {variant.name}, {topic} has changed")
+            elif kind.name not in subject.attack.models:
+                _require(topic not in attacked, f"on {variant.name}, {topic} is still there though it is not modelled")
+        _require(attacked.metadata == clean.metadata, f"on {variant.name}, metadata have changed")
+
+
+def stays_within_its_truth(subject: Subject) -> None:
+    """The truth interval begins at the first and ends right after the last changed or deleted row, within the window."""
+    for variant in subject.variants:
+        truth = variant.attacked[TRUTH_TOPIC]
+        _require(len(truth) == 1, f"on {variant.name}, there are {len(truth)} truth rows")
+        said = Interval(int(truth["start_ns"][0]), int(truth["end_ns"][0]))
+        changed = np.concatenate([_changed_ns(variant.clean[t], variant.attacked[t]) for t in _attacked_topics(variant)])
+        _require(changed.size > 0, f"on {variant.name}, nothing has changed")
+        found = Interval(int(changed.min()), int(changed.max()) + 1)
+        _require(said == found, f"on {variant.name}, the truth says {said!r} and the rows {found!r}")
+        within = variant.window.start_ns <= found.start_ns and found.end_ns <= variant.window.end_ns
+        _require(within, f"on {variant.name}, {found!r} is not within the window {variant.window!r}")
+
+
+def _attacked_topics(variant: Variant) -> list[str]:
+    return [topic for topic in variant.attacked if topic != TRUTH_TOPIC and KINDS[split_topic(topic)[1]].is_gnss_derived]
+
+
+def _changed_ns(clean: Table, attacked: Table) -> Any:
+    """Times at which two tables do not have the same rows."""
+    rows = {}
+    for which, table in enumerate((clean, attacked)):
+        fields = [table.words(n) if table.column(n).words is not None else _bits(table, n) for n in clean.kind.fields]
+        for time_ns, *row in zip(table.time_ns.tolist(), *fields, strict=True):
+            rows.setdefault(time_ns, ([], []))[which].append(row)
+    return np.array([time_ns for time_ns, (was, now) in rows.items() if was != now], np.int64)
+
+
+def _bits(table: Table, name: str) -> list[Any]:
+    values = table[name]
+    bits = values.view(f"u{values.dtype.itemsize}").tolist()
+    return [value if known else None for value, known in zip(bits, table.valid(name).tolist(), strict=True)]
+
+
+def _same_rows(one: Table, other: Table) -> bool:
+    return np.array_equal(one.time_ns, other.time_ns) and not any(differing(one, other, name).any() for name in one.kind.fields)
+
+
+def rounds_as_the_receiver_does(subject: Subject) -> None:
+    """Every float of an attacked row is one that the victim's receiver could have written."""
+    for variant in subject.variants:
+        for topic in _attacked_topics(variant):
+            clean, attacked = variant.clean[topic], variant.attacked[topic]
+            for name, resolution in resolutions(clean, [name for name in clean if clean[name].dtype.kind == "f"]).items():
+                if resolution.write is None or resolution.dust or name not in attacked:
+                    continue
+                values = attacked[name][~np.isnan(attacked[name])].astype(float)
+                _require(np.array_equal(resolution.write(values), values), f"on {variant.name}, {name!r} of {topic} has other last digits")
+
+
+def is_deterministic(subject: Subject) -> None:
+    """The same seed gives the same bytes, from a fresh instance and whatever the state of the global generators."""
+    fresh: Attack = pickle.loads(pickle.dumps(subject.attack))
+    numpy_state, state = np.random.get_state(), random.getstate()  # noqa: NPY002
+    try:
+        for variant in subject.variants:
+            random.seed(variant.seed + 1)
+            np.random.seed(variant.seed + 1)  # noqa: NPY002
+            again = falsify(subject.name, fresh, variant.clean, variant.window, variant.seed, variant.donors)
+            _require(again.digest() == variant.attacked.digest(), f"on {variant.name}, seed {variant.seed} gives other rows the second time")
+    finally:
+        random.setstate(state)
+        np.random.set_state(numpy_state)  # noqa: NPY002
+
+
+def leaves_its_arguments(subject: Subject) -> None:
+    """The clean recording and the donors are the same after the call."""
+    for variant in subject.variants:
+        for recording in (variant.clean, *variant.donors):
+            same = Recording(dict(recording), recording.metadata)
+            falsify(subject.name, subject.attack, variant.clean, variant.window, variant.seed, variant.donors)
+            again = Recording(dict(recording), recording.metadata)
+            _require(same.digest() == again.digest(), f"on {variant.name}, the attack alters the recordings that it is given")
+
+
+def says_when_it_cannot_be_made(subject: Subject) -> None:
+    """A poor recording gives a variant or :class:`NotApplicable`, never anything else."""
+    clean, _ = examples()["a drive at 1 Hz"]
+    for name, poor, donors in _poor(clean):
+        span = clean.span
+        for window in (_inner(span), Interval(span.start_ns, span.end_ns)):
+            try:
+                falsify(subject.name, subject.attack, poor, window, 0, donors)
+            except NotApplicable:
+                continue
+            except Exception as error:
+                raise CheckFailed(f"on {name} it raises {type(error).__name__}: {error}") from error
+
+
+def _inner(span: Interval) -> Interval:
+    third = (span.end_ns - span.start_ns) // 3
+    return Interval(span.end_ns - third, span.end_ns - third // 2)
+
+
+def _poor(recording: Recording) -> Iterator[tuple[str, Recording, Sequence[Recording]]]:
+    def each(change: Callable[[Table], Table]) -> Recording:
+        return _each_pvt(recording, change)
+
+    def nothing(table: Table) -> Table:
+        return Table(table.kind.name, table.time_ns, {})
+
+    def bare(table: Table) -> Table:
+        return table.replace(**{name: np.full(len(table), np.nan) for name in table if table[name].dtype.kind == "f"})
+
+    def still(table: Table) -> Table:
+        return table.replace(**{name: np.zeros(len(table)) for name in table if table[name].dtype.kind == "f"})
+
+    inner = _inner(recording.span)
+    yield "a recording without PVT", recording.replace(dict.fromkeys(recording.topics("gnss/pvt"))), ()
+    yield "a recording with an empty PVT table", each(lambda table: table.take(slice(0, 0))), ()
+    yield "a recording of one PVT row", each(lambda table: table.take(slice(0, 1))), ()
+    yield "a recording whose PVT rows are empty", each(nothing), ()
+    yield "a recording without a fix", each(bare), ()
+    yield "a recording of zeros", each(still), ()
+    yield "a recording with a gap for a window", each(lambda table: table.take(~inner.covers(table.time_ns))), ()
+    yield "a recording with every epoch twice", each(lambda table: table.take(np.repeat(np.arange(len(table)), 2))), ()
+    yield "a donor without PVT", recording, (recording.replace(dict.fromkeys(recording.topics("gnss/pvt"))),)
+    yield "a donor of one row", recording, (each(lambda table: table.take(slice(0, 1))),)
+    yield "a donor whose rows are empty", recording, (each(nothing),)
+
+
+def pickles(subject: Subject) -> None:
+    """It can go to another process and is equal there."""
+    copied = pickle.loads(pickle.dumps(subject.attack))
+    _require(copied == subject.attack, f"{subject.attack!r} comes back from pickle as {copied!r}")
+    _require(dataclasses.is_dataclass(copied), f"{subject.attack!r} comes back from pickle as something else")
+
+
+LAWS: tuple[Callable[[Subject], None], ...] = (
+    is_a_frozen_dataclass,
+    attacks,
+    leaves_what_it_cannot_touch,
+    stays_within_its_truth,
+    rounds_as_the_receiver_does,
+    is_deterministic,
+    leaves_its_arguments,
+    says_when_it_cannot_be_made,
+    pickles,
+)
