@@ -1,0 +1,153 @@
+"""What the page carries of each run: its labels, figures, decisions and the track it was on."""
+
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spoofbench.report.text import NONE, between, percent, rate, seconds
+from spoofbench.report.traces import STEPS, Plane, Pool, interval_s, milliseconds, pack_scores, thinned
+from spoofbench.results import Task, Truth, read_outcome, read_parquet, read_tasks, read_truth
+from spoofbench.scoring.grid import GUARD_S
+
+CLEAN = "none (clean)"
+"""What the page calls the attack of an unattacked task."""
+
+_DECISION_BYTES = 6_000_000
+_BYTES_PER_ROW = 8
+"""A decision in base64: 4 bytes of time and 2 of score, thirds added."""
+
+
+def payload(folder: Path) -> dict[str, Any]:
+    """Return the page's data for the whole folder, ready for JSON.
+
+    Raises:
+        ResultsError: the folder lacks a file or a file is damaged.
+    """
+    tasks = read_tasks(folder)
+    scores = {row["task_id"]: row for row in read_parquet(folder / "scores.parquet").to_pylist()}
+    truths = {task.variant_id: read_truth(folder, task.variant_id) for task in tasks if _has_truth(folder, task)}
+    pool = Pool()
+    planes = _planes(tasks, truths)
+    of_variant: dict[str, Task] = {}
+    for task in tasks:
+        of_variant.setdefault(task.variant_id, task)
+    place = {name: i for i, name in enumerate(of_variant)}
+    limit = max(200, _DECISION_BYTES // (_BYTES_PER_ROW * max(len(tasks), 1)))
+    return {
+        "steps": STEPS,
+        "variants": [_variant(task, truths.get(name), planes.get(task.recording), pool) for name, task in of_variant.items()],
+        "runs": [
+            _run(task, place[task.variant_id], scores.get(task.task_id, {}), _trace(folder, task, truths, pool, limit)) for task in tasks
+        ],
+        "first": next((i for i, task in enumerate(tasks) if task.attack and task.status == "ok"), 0),
+        "arrays": pool.items,
+    }
+
+
+def labels(task: Task) -> dict[str, str]:
+    """Return the labels by which the page finds a run."""
+    return {
+        "detector": task.detector,
+        "recording": task.recording,
+        "attack": task.attack or CLEAN,
+        "seed": NONE if task.seed is None else str(task.seed),
+    }
+
+
+def _has_truth(folder: Path, task: Task) -> bool:
+    """A variant that could not be made has none."""
+    return (folder / "truth" / f"{task.variant_id}.parquet").exists()
+
+
+def _planes(tasks: Iterable[Task], truths: Mapping[str, Truth]) -> dict[str, Plane]:
+    """One plane for all variants of a recording, so that they share the clean track."""
+    planes: dict[str, Plane] = {}
+    for task in tasks:
+        if task.recording not in planes and task.variant_id in truths:
+            plane = Plane.at_start(truths[task.variant_id])
+            planes |= {task.recording: plane} if plane else {}
+    return planes
+
+
+def _variant(task: Task, truth: Truth | None, plane: Plane | None, pool: Pool) -> dict[str, Any]:
+    name = {key: text for key, text in labels(task).items() if key != "detector"}
+    if truth is None or not truth.time_ns.size:
+        return name | {"epochs": pool.add([], "<i4"), "clean": pool.add([], "<i4"), "attacked": [], "intervals": []}
+    start_ns = int(truth.time_ns[0])
+    plane = plane or Plane(0.0, 0.0)
+    attacked = []
+    for interval in truth.intervals:
+        rows = np.flatnonzero(interval.covers(truth.time_ns))
+        if rows.size:
+            moved = plane.east_north_dm(truth.lat_deg[rows], truth.lon_deg[rows])
+            attacked.append({"first": int(rows[0]), "track": pool.add(moved, "<i4")})
+    return name | {
+        "epochs": pool.add(milliseconds(truth.time_ns, start_ns), "<i4"),
+        "clean": pool.add(plane.east_north_dm(truth.clean_lat_deg, truth.clean_lon_deg), "<i4"),
+        "attacked": attacked,
+        "intervals": [interval_s(interval, start_ns) for interval in truth.intervals],
+        "start": datetime.fromtimestamp(start_ns // 1_000_000_000, UTC).strftime("%Y-%m-%d %H:%M:%S UTC"),
+    }
+
+
+def _trace(folder: Path, task: Task, truths: Mapping[str, Truth], pool: Pool, limit: int) -> dict[str, int] | None:
+    outcome = read_outcome(folder, task.task_id)
+    truth = truths.get(task.variant_id)
+    if outcome is None or outcome.decisions is None or truth is None or not truth.time_ns.size:
+        return None
+    decisions = outcome.decisions
+    rows = thinned(decisions, limit)
+    return {
+        "time": pool.add(milliseconds(decisions.time_ns[rows], int(truth.time_ns[0])), "<i4"),
+        "score": pool.add(pack_scores(decisions.score[rows], decisions.available[rows]), "<i2"),
+        "rows": decisions.time_ns.size,
+    }
+
+
+def _run(task: Task, variant: int, scores: Mapping[str, Any], trace: dict[str, int] | None) -> dict[str, Any]:
+    return {
+        "variant": variant,
+        "detector": task.detector,
+        "status": task.status,
+        "reason": task.reason,
+        "guard_s": max(GUARD_S, task.memory_s),
+        "facts": _facts(task, scores),
+        "summary": f"Score over time of {task.detector} on {task.attack or CLEAN}",
+        "trace": trace,
+    }
+
+
+def _facts(task: Task, scores: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Name and text of what is to be said beside a run's plots; a clean run has no detection, an attacked no false alerts."""
+    if task.attack is None:
+        low, high = rate(scores.get("far_per_hour_lo")), rate(scores.get("far_per_hour_hi"))
+        figures = [
+            ("False alerts", f"{rate(scores.get('far_per_hour'))} per hour (95 %: {between(low, high)})"),
+            ("Alerted share of available clean epochs", _pct(scores.get("far_epoch"), 100)),
+        ]
+    else:
+        figures = [
+            ("Detection", f"{_pct(scores.get('detection_pct'))} of spoofed epochs"),
+            ("Detection where available", _pct(scores.get("detection_pct_available"))),
+            ("Time to first detection", _unit(seconds(scores.get("ttfd_s")), "s")),
+            ("Position error at detection", _unit(rate(scores.get("position_error_at_detection_m")), "m")),
+            ("Attack parameters", task.attack_parameters or NONE),
+        ]
+    return [
+        *figures,
+        ("Availability", _pct(scores.get("availability"), 100)),
+        ("Detector parameters", task.parameters),
+        ("Plugin", f"{task.plugin} from {task.plugin_distribution} {task.plugin_version}"),
+        ("Task", task.task_id),
+    ]
+
+
+def _pct(value: float | None, scale: float = 1.0) -> str:
+    return _unit(percent(None if value is None else scale * value), "%")
+
+
+def _unit(text: str, unit: str) -> str:
+    return text if text == NONE else f"{text} {unit}"

@@ -1,0 +1,48 @@
+"""Numbers as text: the same in the terminal, in Markdown and on the page. Null is a dash, never 0."""
+
+NONE = "-"
+
+
+def rate(value: float | None) -> str:
+    """Return a rate or its bound with about three figures: ``0``, ``0.07``, ``6.91``, ``41.2``, ``1,204``."""
+    if value is None:
+        return NONE
+    if value == 0:
+        return "0"
+    if 0 < value < 0.005:
+        return "<0.01"
+    places = 0 if value >= 99.95 else 1 if value >= 9.995 else 2
+    return f"{value:,.{places}f}"
+
+
+def percent(value: float | None) -> str:
+    """Return a percentage with one decimal; what is not quite 0 or 100 is not written as 0.0 or 100.0."""
+    if value is None:
+        return NONE
+    if 0 < value < 0.05:
+        return "<0.1"
+    if 99.95 <= value < 100:
+        return ">99.9"
+    return f"{value:.1f}"
+
+
+def seconds(value: float | None) -> str:
+    """Return a duration in seconds: one decimal below 100 s, none above."""
+    if value is None:
+        return NONE
+    return f"{value:.1f}" if value < 99.95 else f"{value:,.0f}"
+
+
+def between(low: str, high: str) -> str:
+    """Return an interval, a dash where a bound is unknown."""
+    return NONE if NONE in (low, high) else f"{low} to {high}"
+
+
+def counted(n: int, noun: str) -> str:
+    """Return ``1 recording``, ``2 recordings``."""
+    return f"{n:,} {noun}" + ("" if n == 1 else "s")
+
+
+def printable(text: str) -> str:
+    """Return text without control characters, which a terminal would obey."""
+    return "".join(letter if letter.isprintable() or letter == "\N{NO-BREAK SPACE}" else "\N{REPLACEMENT CHARACTER}" for letter in text)

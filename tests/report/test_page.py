@@ -1,0 +1,112 @@
+"""The page as a file: whole, alone, the same every time, and closed to what the data bring."""
+
+import json
+import shutil
+from html.parser import HTMLParser
+
+import pytest
+
+from spoofbench.report import markdown, write_site
+from spoofbench.results import read_tasks, read_truth
+
+
+class Page(HTMLParser):
+    """Start tags with their attributes, and the text of each ``script`` and ``style``."""
+
+    def __init__(self, text):
+        super().__init__(convert_charrefs=True)
+        self.tags, self.raw, self.words = [], [], []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+        if tag in ("script", "style"):
+            self.raw.append((tag, dict(attributes), []))
+
+    def handle_data(self, data):
+        within_raw = self.tags and self.tags[-1][0] in ("script", "style")
+        (self.raw[-1][2] if within_raw else self.words).append(data)
+
+    def data(self):
+        return json.loads("".join(next(text for tag, attributes, text in self.raw if attributes.get("id") == "data")))
+
+
+def page_of(folder, site):
+    return Page(write_site(folder, site).read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def page(folder, tmp_path_factory):
+    return page_of(folder, tmp_path_factory.mktemp("site"))
+
+
+def test_equal_folders_give_equal_bytes(folder, tmp_path):
+    copy = shutil.copytree(folder, tmp_path / "elsewhere")
+    sites = [write_site(place, tmp_path / name).parent for place, name in ((folder, "a"), (copy, "b"))]
+    names = sorted(path.name for path in sites[0].iterdir())
+    assert names == ["index.html", "leaderboard.json", "leaderboard.md"] == sorted(path.name for path in sites[1].iterdir())
+    assert all((sites[0] / name).read_bytes() == (sites[1] / name).read_bytes() for name in names)
+    assert (sites[0] / "leaderboard.md").read_text() == markdown(folder)
+
+
+def test_nothing_points_outside(page):
+    addresses = [
+        value for _, attributes in page.tags for name, value in attributes.items() if name in ("src", "href", "srcset", "data", "action")
+    ]
+    assert addresses
+    assert all(address.startswith(("#", "data:")) for address in addresses)
+    assert not any(word in "".join(text) for tag, _, text in page.raw if tag == "style" for word in ("url(", "@import"))
+    assert not {"iframe", "object", "embed", "base"} & {tag for tag, _ in page.tags}
+
+
+def test_the_policy_forbids_requests(page):
+    policy = next(a["content"] for tag, a in page.tags if tag == "meta" and a.get("http-equiv") == "Content-Security-Policy")
+    assert policy == "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
+
+
+def test_hostile_texts_are_texts(hostile_folder, page, tmp_path):
+    hostile = page_of(hostile_folder, tmp_path)
+    assert [tag for tag, _ in hostile.tags if tag in ("script", "style", "img")] == ["style", "script", "script"]
+    assert not any("onerror" in attributes for _, attributes in hostile.tags)
+    task = next(task for task in read_tasks(hostile_folder) if task.reason)
+    assert task.detector in "".join(hostile.words)
+    run = next(run for run in hostile.data()["runs"] if run["reason"])
+    assert (run["detector"], run["reason"]) == (task.detector, task.reason)
+
+
+def test_every_task_is_a_run_and_those_without_decisions_say_why(folder, page):
+    runs = page.data()["runs"]
+    tasks = read_tasks(folder)
+    assert [(run["detector"], run["status"], run["reason"]) for run in runs] == [
+        (task.detector, task.status, task.reason) for task in tasks
+    ]
+    assert all((run["trace"] is None) == (run["status"] != "ok") and (run["reason"] is None) == (run["status"] == "ok") for run in runs)
+
+
+def test_clean_tracks_are_shared_and_attacks_are_where_the_truth_says(folder, page):
+    data = page.data()
+    assert len({variant["clean"] for variant in data["variants"]}) == 1
+    attacked = next(task for task in read_tasks(folder) if task.attack)
+    truth = read_truth(folder, attacked.variant_id)
+    variant = next(v for v in data["variants"] if (v["attack"], v["seed"]) == (attacked.attack, str(attacked.seed)))
+    start_ns = int(truth.time_ns[0])
+    assert variant["intervals"] == [[(i.start_ns - start_ns) / 1e9, (i.end_ns - start_ns) / 1e9] for i in truth.intervals]
+    assert [part["first"] for part in variant["attacked"]] == [int(truth.spoofed.argmax())]
+
+
+def test_sort_keys_of_unknown_figures_are_empty(page):
+    keys = [attributes["data-sort"] for tag, attributes in page.tags if tag in ("td", "th") and "data-sort" in attributes]
+    assert len(keys) == 3 * 9
+    assert "" in keys
+    assert "None" not in keys
+
+
+def test_a_page_of_240_runs_of_2602_epochs_is_below_10_megabytes(make, tmp_path):
+    attacks = [f"attack-{number}" for number in range(7)]
+    folder = make(tmp_path / "results", [f"detector-{number}" for number in range(11)], attacks, 2602)
+    assert len(read_tasks(folder)) == 242
+    path = write_site(folder, tmp_path / "site")
+    assert path.stat().st_size < 10_000_000
+    runs = Page(path.read_text(encoding="utf-8")).data()["runs"]
+    assert {run["trace"]["rows"] for run in runs} == {2602}
