@@ -6,6 +6,7 @@ A file has one channel per topic, encoded as protobuf with the full FileDescript
 
 from spoofbench.codec.container import Limits
 from spoofbench.codec.reading import read
+from spoofbench.codec.validating import validate
 from spoofbench.codec.writing import Compression, Writer, write
 
-__all__ = ["Compression", "Limits", "Writer", "read", "write"]
+__all__ = ["Compression", "Limits", "Writer", "read", "validate", "write"]

@@ -1,6 +1,6 @@
 """Decoded pieces of a topic, gathered in file order, and the table of them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -65,7 +65,7 @@ class Columns:
             values = np.frombuffer(b"".join(self._values.pop(name)), field.dtype)
             mask = b"".join(self._valid[name])
             valid = np.frombuffer(mask, bool) if mask and b"\x00" in mask else None
-            columns[name] = Column(values, valid, self._decoded(field) if name in self.words else None)
+            columns[name] = Column(values, valid, decoded(field, self.words[name]) if name in self.words else None)
         if self._places or np.any(times[1:] < times[:-1]):
             order = np.lexsort((np.concatenate(self._places), times)) if self._places else np.argsort(times, kind="stable")
             times = times[order]
@@ -75,14 +75,19 @@ class Columns:
         except RecordingError as error:
             raise FormatError(f"the file holds a {self._kind} table that makes no sense: {error}") from error
 
-    def _decoded(self, field: Field) -> Any:
-        words = self.words[field.name]
-        if field.category == "bytes":
-            return tuple(words)
-        try:
-            return tuple(word.decode() for word in words)
-        except UnicodeDecodeError as error:
-            raise FormatError(f"field {field.name!r} holds {error.object!r}, which is not valid UTF-8") from error
+
+def decoded(field: Field, words: Iterable[bytes]) -> tuple[str, ...] | tuple[bytes, ...]:
+    """Return a text or bytes field's words as the column has them.
+
+    Raises:
+        FormatError: a text is not valid UTF-8.
+    """
+    if field.category == "bytes":
+        return tuple(words)
+    try:
+        return tuple(word.decode() for word in words)
+    except UnicodeDecodeError as error:
+        raise FormatError(f"field {field.name!r} holds {error.object!r}, which is not valid UTF-8") from error
 
 
 def _blank(dtype: np.dtype[Any], rows: int, is_text: bool) -> NDArray[Any]:

@@ -22,13 +22,12 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from spoofbench.codec.packing import MESSAGE
+from spoofbench.codec.packing import INDEX_ENTRY, MESSAGE
 from spoofbench.errors import FormatError, LimitError
 
 RECORD = struct.Struct("<BQ")
 _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8")])
 _CHUNK = struct.Struct("<QQQII")
-_CHUNK_INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
 _REPEATS = 8
 _own = threading.local()
 
@@ -71,6 +70,14 @@ class Messages:
     starts: NDArray[np.int64]
     sizes: NDArray[np.int64]
     channels: NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contents:
+    """What is in a chunk: its messages, and where its other records start in their buffer."""
+
+    messages: Messages
+    others: NDArray[np.int64]
 
 
 def map_file(path: Path) -> NDArray[np.uint8]:
@@ -210,10 +217,8 @@ def _decompress(data: NDArray[np.uint8], chunk: Chunk) -> NDArray[np.uint8]:
     raise FormatError(f"the chunk at byte {chunk.offset} is compressed by {chunk.compression!r}; zstd, lz4 and none can be read")
 
 
-def chunk_messages(
-    buffer: NDArray[np.uint8], chunk: Chunk, indexes: Sequence[slice] = ()
-) -> tuple[Messages, NDArray[np.int64], NDArray[np.uint8]]:
-    """Return a chunk's messages, the starts of its other records, and its unpacked bytes.
+def chunk_contents(buffer: NDArray[np.uint8], chunk: Chunk, indexes: Sequence[slice] = ()) -> Contents:
+    """Return what is in a chunk.
 
     Args:
         buffer: the file.
@@ -227,17 +232,17 @@ def chunk_messages(
     where = f"the chunk at byte {chunk.offset}"
     starts = _indexed_starts(buffer, records, indexes)
     if starts is not None:
-        return messages_at(records, starts, where), np.empty(0, np.int64), records
+        return Contents(messages_at(records, starts, where), np.empty(0, np.int64))
     starts, end = record_starts(records, 0, records.size)
     if end != records.size:
         raise FormatError(f"{where} holds a record at its byte {end} that does not end within it")
     is_message = records[starts] == Opcode.MESSAGE
-    return messages_at(records, starts[is_message], where), starts[~is_message], records
+    return Contents(messages_at(records, starts[is_message], where), starts[~is_message])
 
 
 def _indexed_starts(buffer: NDArray[np.uint8], records: NDArray[np.uint8], indexes: Sequence[slice]) -> NDArray[np.int64] | None:
     """Return where a message index says the messages are if that is all there is in the chunk, else None."""
-    entries = [np.frombuffer(buffer[index], _CHUNK_INDEX_ENTRY)["offset"] for index in indexes]
+    entries = [np.frombuffer(buffer[index], INDEX_ENTRY)["offset"] for index in indexes]
     if not entries or not sum(part.size for part in entries):
         return None
     offsets = entries[0] if len(entries) == 1 else np.sort(np.concatenate(entries), kind="stable")

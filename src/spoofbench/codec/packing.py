@@ -26,6 +26,9 @@ MESSAGE = np.dtype(
 LOG_TIME = 15
 """Where the log time of a message record is; the publish time follows."""
 
+INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
+"""An entry of a message index: log time, and where the record starts in the unpacked chunk."""
+
 _ABSENT = -1
 _VARINT, _FIXED64, _DELIMITED, _FIXED32 = 0, 1, 2, 5
 _WIRE_TYPES = {"<f8": _FIXED64, "<i8": _FIXED64, "<u8": _FIXED64, "<f4": _FIXED32, "<i4": _FIXED32, "<u4": _FIXED32}

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from spoofbench.codec.container import (
     RECORD,
     Chunk,
+    Contents,
     Limits,
     Messages,
-    chunk_messages,
+    chunk_contents,
     gather,
     map_file,
     messages_at,
@@ -31,11 +32,11 @@ _FOOTER_BYTES = RECORD.size + 20 + len(MCAP0_MAGIC)
 
 @dataclass(slots=True)
 class ChunkSection:
-    """A chunk, where the entries of its message indexes are, and the channels in it, None while unknown."""
+    """A chunk, its message indexes (channel, and where the entries are), and the channels that it has messages of."""
 
     chunk: Chunk
-    indexes: list[slice]
-    channels: set[int]
+    indexes: list[tuple[int, slice]] = field(default_factory=list)
+    channels: set[int] = field(default_factory=set)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +54,14 @@ Section = ChunkSection | LooseSection
 class Survey:
     """What a file holds.
 
-    ``statistics`` is None where the file has none. ``damage`` says in text what was wrong with a file that
-    was cut off, nothing else.
+    ``records`` are opcode, offset and length of what stands at the top level, loose messages aside.
+    ``statistics`` is None where the file has none. ``damage`` says what was wrong with a file that was cut
+    off; of a whole file it is empty.
     """
 
     path: Path
     buffer: NDArray[np.uint8]
+    records: list[tuple[int, int, int]] = field(default_factory=list)
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -74,7 +77,15 @@ class Survey:
         """
         if isinstance(section, LooseSection):
             return messages_at(self.buffer, section.starts, "the data section")
-        return chunk_messages(self.buffer, section.chunk, section.indexes)[0]
+        return self.contents(section).messages
+
+    def contents(self, section: ChunkSection) -> Contents:
+        """Return what is in a chunk.
+
+        Raises:
+            FormatError: the chunk is damaged.
+        """
+        return chunk_contents(self.buffer, section.chunk, [entries for _, entries in section.indexes])
 
 
 def survey(path: Path, limits: Limits) -> Survey:
@@ -113,16 +124,13 @@ def _visit(found: Survey, starts: NDArray[np.int64], limits: Limits) -> None:
     buffer = found.buffer
     is_message = buffer[starts] == Opcode.MESSAGE
     loose, others = starts[is_message], starts[~is_message]
-    loose = loose if loose.size else None
     text_bytes = taken = 0
-    in_data = True
     for start in others.tolist():
-        opcode = int(buffer[start])
-        length = RECORD.unpack_from(buffer.data, start)[1]
-        if loose is not None and (opcode == Opcode.CHUNK or (in_data and opcode == Opcode.DATA_END)):
-            taken = _take_loose(found, loose, taken, start)
+        opcode, length = RECORD.unpack_from(buffer.data, start)
+        found.records.append((opcode, start, length))
         if opcode == Opcode.CHUNK:
-            found.sections.append(ChunkSection(parse_chunk(buffer, start, limits), [], set()))
+            taken = _take_loose(found, loose, taken, start)
+            found.sections.append(ChunkSection(parse_chunk(buffer, start, limits)))
         elif opcode == Opcode.MESSAGE_INDEX:
             _visit_index(found, start, length)
         elif opcode in _TEXTS:
@@ -130,10 +138,7 @@ def _visit(found: Survey, starts: NDArray[np.int64], limits: Limits) -> None:
             if text_bytes > limits.text_bytes:
                 raise LimitError(f"{str(found.path)!r} holds more than {limits.text_bytes} bytes of schemas, channels and metadata")
             _visit_text(found, opcode, start)
-        elif opcode == Opcode.DATA_END:
-            in_data = False
-    if loose is not None:
-        _take_loose(found, loose, taken, buffer.size)
+    _take_loose(found, loose, taken, buffer.size)
 
 
 _TEXTS: dict[int, Any] = {
@@ -161,7 +166,7 @@ def _visit_index(found: Survey, start: int, length: int) -> None:
         channel, entries = gather(found.buffer, "<u2", np.array([begin]))[0], gather(found.buffer, "<u4", np.array([begin + 2]))[0]
         if entries % 16 == 0 and 0 < entries <= length - 6:
             chunk.channels.add(int(channel))
-            chunk.indexes.append(slice(begin + 6, begin + 6 + int(entries)))
+            chunk.indexes.append((int(channel), slice(begin + 6, begin + 6 + int(entries))))
 
 
 def _visit_text(found: Survey, opcode: int, start: int) -> None:
@@ -171,10 +176,10 @@ def _visit_text(found: Survey, opcode: int, start: int) -> None:
     elif isinstance(record, Statistics):
         found.statistics = record
     else:
-        learn_definition(found, record)
+        _learn_definition(found, record)
 
 
-def learn_definition(found: Survey, record: Schema | Channel) -> None:
+def _learn_definition(found: Survey, record: Schema | Channel) -> None:
     """Add a schema or channel to the survey.
 
     Raises:
@@ -204,12 +209,11 @@ def check_data_section(found: Survey) -> None:
     Raises:
         FormatError: they differ.
     """
-    starts, _ = record_starts(found.buffer, len(MCAP0_MAGIC), found.buffer.size - len(MCAP0_MAGIC))
-    ends = starts[found.buffer[starts] == Opcode.DATA_END]
-    if not ends.size:
+    ends = [start for opcode, start, _ in found.records if opcode == Opcode.DATA_END]
+    if not ends:
         raise FormatError(f"{str(found.path)!r} is damaged: its data section has no end")
-    end = parse(DataEnd, found.buffer, int(ends[0]), repr(str(found.path)))
-    if end.data_section_crc and zlib.crc32(found.buffer[: int(ends[0])].data) != end.data_section_crc:
+    end = parse(DataEnd, found.buffer, ends[0], repr(str(found.path)))
+    if end.data_section_crc and zlib.crc32(found.buffer[: ends[0]].data) != end.data_section_crc:
         raise FormatError(f"{str(found.path)!r} is damaged: the checksum of its data section is not {end.data_section_crc!r}")
 
 
@@ -232,18 +236,19 @@ def _survey_chunks(found: Survey, is_whole: bool) -> None:
         if isinstance(section, ChunkSection) and section.chunk.size:
             if is_indexed and section.indexes and section.channels <= found.channels.keys():
                 continue
-            messages, others, records = chunk_messages(found.buffer, section.chunk)
-            read_definitions(found, others, records)
-            section.channels, section.indexes = set(np.unique(messages.channels).tolist()), []
+            contents = chunk_contents(found.buffer, section.chunk)
+            learn_definitions(found, contents)
+            section.channels = set(np.unique(contents.messages.channels).tolist())
 
 
-def read_definitions(found: Survey, starts: NDArray[np.int64], records: NDArray[np.uint8]) -> None:
+def learn_definitions(found: Survey, contents: Contents) -> None:
     """Add the schemas and channels within a chunk to the survey.
 
     Raises:
         FormatError: one is damaged, or another one has its id.
     """
-    for start in starts.tolist():
+    records = contents.messages.buffer
+    for start in contents.others.tolist():
         opcode = int(records[start])
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            learn_definition(found, parse(_TEXTS[opcode], records, start, f"a chunk of {str(found.path)!r}"))
+            _learn_definition(found, parse(_TEXTS[opcode], records, start, f"a chunk of {str(found.path)!r}"))

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from spoofbench import __version__
 from spoofbench.codec.ending import encoded, ending
 from spoofbench.codec.location import location_fixes
-from spoofbench.codec.packing import BlobRows, Rows, TableRows
+from spoofbench.codec.packing import INDEX_ENTRY, BlobRows, Rows, TableRows
 from spoofbench.codec.protobuf import ENCODING, LOCATION_SUFFIX, descriptor_set
 from spoofbench.errors import RecordingError
 from spoofbench.recording import Metadata, Recording, Table
@@ -34,7 +34,6 @@ Compression = Literal["zstd", "lz4", "none"]
 
 CHUNK_BYTES = 1 << 20
 _THREADS = min(4, os.cpu_count() or 1)
-_INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +185,7 @@ class Writer:
     def _take(self, rows: Rows, first: int, out: NDArray[np.uint8], starts: NDArray[np.int64]) -> None:
         last = first + starts.size
         rows.pack(first, last, out, starts)
-        index = np.empty(starts.size, _INDEX_ENTRY)
+        index = np.empty(starts.size, INDEX_ENTRY)
         index["time"], index["offset"] = rows.times[first:last], starts + self._filled
         self._index[rows.channel_id].append(index)
         self._counts[rows.channel_id] += starts.size
