@@ -85,6 +85,14 @@ def test_what_could_not_be_tried_is_null(bench: Any, status: str) -> None:
     assert bench.rows("events") == []
 
 
+def test_a_variant_that_could_not_be_made_is_nobodys_miss(bench: Any) -> None:
+    bench.add("d", "replay", status="failed")
+    next((bench.path / "truth").iterdir()).unlink()
+    (row,) = bench.score()
+    assert (row["status"], row["detection_pct"], row["detected"], row["epochs"]) == ("failed", None, None, None)
+    assert bench.rows("events") == []
+
+
 def test_an_attack_in_the_unattacked_recording_is_neither_clean_nor_within_the_guard(bench: Any) -> None:
     """A field recording may itself hold an attack: here at 100-160 s, with a memory of 20 s after it."""
     bench.add("d", "real", alerts=[50, 120, 175], memory_s=20.0)

@@ -2,7 +2,8 @@
 
 ``scores.parquet`` has one row per task, ``events.parquet`` one per task and attack interval, both in the order of
 ``tasks.parquet``. A task that failed scores as a detector that was never available: its attacks are missed and
-its clean hours are none. Tasks that were skipped or not modelled have nulls.
+its clean hours are none. Tasks that were skipped or not modelled have nulls, and so have failed ones whose variant
+could not be made: there is no truth to score against.
 """
 
 from itertools import groupby
@@ -93,8 +94,11 @@ def score_folder(folder: Path) -> None:
     def by_variant(index: int) -> tuple[bool, str]:
         return tasks[index].attack is not None, tasks[index].variant_id
 
-    scored = [index for index, task in enumerate(tasks) if task.status == "ok" or task.status in FAILURES]
-    for (_, variant_id), indices in groupby(sorted(scored, key=by_variant), by_variant):
+    scored = [index for index, task in enumerate(tasks) if _can_be_scored(folder, task)]
+    for (_, variant_id), group in groupby(sorted(scored, key=by_variant), by_variant):
+        indices = list(group)
+        if all(tasks[index].status in FAILURES for index in indices) and not (folder / "truth" / f"{variant_id}.parquet").exists():
+            continue
         truth = read_truth(folder, variant_id)
         for index in indices:
             task = tasks[index]
@@ -107,6 +111,11 @@ def score_folder(folder: Path) -> None:
             rows[index]["partial_auc"] = _partial_auc(clean_scores.get((task.recording, task.detector)), score[truth.spoofed])
     write_parquet(folder / "scores.parquet", pa.Table.from_pylist(rows, SCORE_SCHEMA))
     write_parquet(folder / "events.parquet", pa.Table.from_pylist([event for some in events for event in some], EVENT_SCHEMA))
+
+
+def _can_be_scored(folder: Path, task: Task) -> bool:
+    made = (folder / "truth" / f"{task.variant_id}.parquet").exists()
+    return task.status == "ok" or (task.status in FAILURES and made)
 
 
 def _identity(task: Task) -> _Cells:
