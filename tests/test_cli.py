@@ -1,0 +1,75 @@
+"""The command line: quick to help, one sentence for what a user can cause, never a traceback."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HEAVY = ("numpy", "pandas", "pyarrow", "scipy", "plotly", "rosbags", "rich", "google.protobuf")
+
+
+def _spoofbench(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", "from spoofbench.cli import main; main()", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, check=False)
+
+
+def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
+    code = "\n".join(
+        (
+            "import sys",
+            "from spoofbench.cli import app",
+            "app(['--help'], standalone_mode=False)",
+            f"print([name for name in {HEAVY!r} if name in sys.modules])",
+        )
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_help_fits_80_columns_and_names_every_command(tmp_path: Path) -> None:
+    text = _spoofbench("--help", cwd=tmp_path).stdout
+    assert max(map(len, text.splitlines())) <= 80
+    for command in ("demo", "convert", "info", "attack", "run", "score", "report", "plugins", "check"):
+        assert f"\n  {command} " in text
+    assert "..." not in text.partition("Commands:")[2]
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["info", "missing.mcap"], 1),
+        (["info", "text.mcap"], 1),
+        (["info", "empty.mcap"], 1),
+        (["convert", "missing", "-o", "out.mcap"], 1),
+        (["convert", "text.mcap", "-o", "out.mcap"], 1),
+        (["convert", "text.mcap", "-o", "out.mcap", "--format", "nmae"], 1),
+        (["attack", "text.mcap", "-a", "replay", "-o", "out.mcap"], 1),
+        (["attack", "text.mcap", "-a", "nonsense", "-o", "out.mcap"], 1),
+        (["attack", "text.mcap", "-a", "replay", "-p", "delay", "-o", "out.mcap"], 2),
+        (["attack", "text.mcap", "-a", "replay", "-p", "nonsense=1", "-o", "out.mcap"], 1),
+        (["run", "missing.toml", "-o", "results"], 1),
+        (["run", "text.mcap", "-o", "results"], 1),
+        (["score", "missing"], 1),
+        (["report", "missing", "-o", "site"], 1),
+        (["check", "nonsense"], 1),
+        (["nonsense"], 2),
+        (["info"], 2),
+    ],
+)
+def test_what_a_user_can_cause_is_one_sentence(words: list[str], code: int, tmp_path: Path) -> None:
+    (tmp_path / "text.mcap").write_text("this is not a recording\n" * 10)
+    (tmp_path / "empty.mcap").write_bytes(b"")
+    done = _spoofbench(*words, cwd=tmp_path)
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    if code == 1:
+        assert done.stderr.startswith("spoofbench: ")
+        assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_plugins_are_listed_for_machines(tmp_path: Path) -> None:
+    rows = json.loads(_spoofbench("plugins", "--json", cwd=tmp_path).stdout)
+    assert {"kind": "attack", "name": "replay", "distribution": "spoofbench", "version": "0.1.0"} in rows
