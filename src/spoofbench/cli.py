@@ -64,10 +64,10 @@ def convert(
             ledger = convert_one(source, target, format=log_format, options=_texts(options), strict=strict, progress=step)
             ledgers[str(target)] = ledger
     if as_json:
-        _print_json({target: ledger.as_dict() for target, ledger in ledgers.items()})
+        _print_json({name: ledger.as_dict() for name, ledger in ledgers.items()})
     else:
-        for target, ledger in ledgers.items():
-            typer.echo(f"{target}\n{ledger.as_text()}")
+        for name, ledger in ledgers.items():
+            typer.echo(f"{name}\n{ledger.as_text()}")
 
 
 @app.command()
