@@ -4,18 +4,17 @@ Families of messages are modules of their own (see :mod:`spoofbench_converters.r
 other types are counted as skipped. Bags of ROS 1, in MCAP, split or compressed are refused.
 """
 
-from collections import Counter
-from collections.abc import Iterator, Mapping
-from itertools import compress
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from spoofbench.converting import Extent, Item, Reject, Source
+from spoofbench.converting import Columns, Extent, Item, Reject, Source
+from spoofbench.converting.ordering import take
 from spoofbench_converters.rosbag import aspn23, bag, cdr
-from spoofbench_converters.rosbag.bag import Bag, Slab, Topic
 from spoofbench_converters.rosbag.family import Family, Options, Session
+from spoofbench_converters.rosbag.reading import Bag, Payloads, Slab, Topic
 
 __all__ = ["UNIT", "VERSION", "Options", "convert", "sniff"]
 
@@ -40,108 +39,91 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
     location = bag.locate(source.path)
     log = Bag(location.database)
     try:
-        reading = _Reading(log, options)
+        conversion = _Conversion(log.topics, options)
         yield Extent(location.declared or log.highest_id())
-        for item in log.slabs(reading.wanted):
+        for item in log.slabs(conversion.wanted):
             if isinstance(item, Reject):
-                reading.records += item.length
                 yield item
             else:
-                yield from reading.slab(item)
-        yield from reading.finish()
-        if location.declared is not None and location.declared > reading.records:
-            yield Reject(reading.records, location.declared - reading.records, "declared in metadata.yaml but not in the database")
+                yield from conversion.take(item)
+        yield from conversion.finish()
+        if location.declared is not None and location.declared > log.records:
+            yield Reject(log.records, location.declared - log.records, "declared in metadata.yaml but not in the database")
     finally:
         log.close()
 
 
-class _Reading:
-    """A bag being read: which session has which topic, and what was seen."""
+class _Conversion:
+    """A bag being converted: which session has which topic, and what nobody has."""
 
-    def __init__(self, log: Bag, options: Options) -> None:
-        self.records = 0
+    def __init__(self, topics: Sequence[Topic], options: Options) -> None:
         self._by_recorder = options.time == "recorder"
-        self._topics = {topic.number: topic for topic in log.topics}
+        self._topics = {topic.number: topic for topic in topics}
         self._sessions: dict[int, Session] = {}
         self._all: list[Session] = []
         self._definitions: dict[str, Any] = {}
         for family in _FAMILIES:
-            topics = [topic for topic in log.topics if topic.type in family.TYPES and topic.encoding == "cdr"]
-            if topics:
-                session = family.open(topics, options)
+            mine = [topic for topic in topics if topic.type in family.TYPES and topic.encoding == "cdr"]
+            if mine:
+                session = family.open(mine, options)
                 self._all.append(session)
-                self._sessions |= dict.fromkeys((topic.number for topic in topics), session)
+                self._sessions |= dict.fromkeys((topic.number for topic in mine), session)
                 self._definitions |= family.definitions()
         if options.definitions is not None:
-            self._definitions |= cdr.read_folder(Path(options.definitions), [topic.type for topic in log.topics])
-        self._unknown: Counter[int] = Counter()
-        self._first_unknown: dict[int, int] = {}
+            self._definitions |= cdr.read_folder(Path(options.definitions), [topic.type for topic in topics])
+        self._unknown: dict[int, tuple[int, int]] = {}
 
     @property
     def wanted(self) -> frozenset[int]:
         """Numbers of the topics that are understood."""
         return frozenset(self._sessions)
 
-    def slab(self, slab: Slab) -> Iterator[Item]:
+    def take(self, slab: Slab) -> Iterator[Item]:
         """Yield what a slab's messages say."""
-        self.records = slab.first + len(slab.topics)
-        numbers = np.array(slab.topics)
-        for number in np.unique(numbers).tolist():
-            mine = numbers == number
-            if number in self._sessions:
-                yield from self._messages(self._topics[number], slab, mine)
-            else:
-                self._unknown[number] += int(mine.sum())
-                self._first_unknown.setdefault(number, slab.first + int(np.argmax(mine)))
+        yield from slab.rejects
+        for number, payloads in sorted(slab.wanted.items()):
+            yield from self._messages(self._topics[number], payloads)
         for session in self._all:
             yield from session.settle()
+        for number, (count, first) in slab.others.items():
+            before, first = self._unknown.get(number, (0, first))
+            self._unknown[number] = (before + count, first)
 
     def finish(self) -> Iterator[Item]:
         """Yield what the sessions still hold, and what was not understood."""
         for session in self._all:
             yield from session.finish()
-        for number, count in sorted(self._unknown.items()):
+        for number, (count, first) in sorted(self._unknown.items()):
             topic = self._topics.get(number)
             what = (
                 f"topic {topic.name!r} of type {topic.type!r} ({topic.encoding}) is not understood"
                 if topic
                 else "the topic is not declared"
             )
-            yield Reject(self._first_unknown[number], count, what)
+            yield Reject(first, count, what)
 
-    def _messages(self, topic: Topic, slab: Slab, mine: Any) -> Iterator[Item]:
-        """Decode one topic's messages of a slab and hand them over in bag order."""
-        records = slab.first + np.flatnonzero(mine)
-        chosen = mine.tolist()
-        payloads = list(compress(slab.payloads, chosen))
-        stamps = list(compress(slab.stamps_ns, chosen))
-        if set(map(type, payloads)) != {bytes} or set(map(type, stamps)) != {int}:
-            good = np.array([isinstance(p, bytes) and isinstance(s, int) for p, s in zip(payloads, stamps, strict=True)])
-            for record in records[~good].tolist():
-                yield Reject(record, 1, f"{topic.name}: the message or its stamp is not of the type that a bag has")
-            records, payloads, stamps = records[good], list(compress(payloads, good)), list(compress(stamps, good))
-        groups, failures = cdr.decode(payloads, topic.type, self._definitions)
+    def _messages(self, topic: Topic, payloads: Payloads) -> Iterator[Item]:
+        """Decode one topic's messages and hand them over in bag order."""
+        groups, failures = cdr.decode(payloads.joined, payloads.lengths, topic.type, self._definitions)
         for place, reason in failures:
-            yield Reject(int(records[place]), 1, f"{topic.name}: {reason}")
-        received = np.array(stamps, np.int64)
+            yield Reject(int(payloads.records[place]), 1, f"{topic.name}: {reason}")
         session, pieces = self._sessions[topic.number], []
         for group in groups:
             columns, refusals = session.columns(topic, group.rows)
-            columns |= {"record": records[group.index], "receive_time_ns": received[group.index]}
+            columns |= {"record": payloads.records[group.index], "receive_time_ns": payloads.stamps_ns[group.index]}
             if self._by_recorder:
                 columns["time_ns"] = columns["receive_time_ns"]
             kept = np.ones(group.index.size, bool)
             for refused, reason in refusals:
                 yield from (Reject(record, 1, f"{topic.name}: {reason}") for record in columns["record"][refused & kept].tolist())
                 kept &= ~refused
-            pieces.append(columns if kept.all() else {name: values[kept] for name, values in columns.items()})
+            pieces.append(columns if kept.all() else take(columns, kept))
         if pieces:
             yield from session.push(topic, _in_bag_order(pieces))
 
 
-def _in_bag_order(pieces: list[dict[str, Any]]) -> dict[str, Any]:
+def _in_bag_order(pieces: Sequence[Columns]) -> Columns:
     if len(pieces) == 1:
         return pieces[0]
-    columns: Mapping[str, Any] = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
-    order = np.argsort(columns["record"])
-    return {name: values[order] for name, values in columns.items()}
+    columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    return take(columns, np.argsort(columns["record"]))

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from spoofbench.converting import Block, Columns, Facts, Reject
 from spoofbench_converters.rosbag import attitude, cdr
-from spoofbench_converters.rosbag.bag import Topic
 from spoofbench_converters.rosbag.cdr import Definitions
 from spoofbench_converters.rosbag.family import Options, Refusal
+from spoofbench_converters.rosbag.reading import Topic
 from spoofbench_converters.rosbag.streams import ImuStream, PvaStream, PvtStream
 
 _PACKAGE = "aspn23_ros_interfaces/msg/"

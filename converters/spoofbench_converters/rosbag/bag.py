@@ -1,53 +1,21 @@
-"""ROS 2 bags in SQLite: opened read-only, streamed in bag order, read around damage."""
+"""ROS 2 bags in SQLite: where the database is, and how it is opened."""
 
-from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import apsw
 
-from spoofbench.converting import Reject
 from spoofbench.errors import ConversionError
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 MAX_MESSAGE_BYTES = 16_384
 MAX_METADATA_BYTES = 4_194_304
-SLAB_MESSAGES = 16_384
-FETCHED_MESSAGES = 512
 BUSY_MS = 2000
 
 _WAL = 2  # bytes 18 and 19 of the header: the file format's write and read version
-
-
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """One topic of a bag; ``number`` is its key in the bag."""
-
-    number: int
-    name: str
-    type: str
-    encoding: str
-
-
-@dataclass(frozen=True, slots=True)
-class Slab:
-    """Successive messages of a bag, sequences of one length.
-
-    Attributes:
-        first: ordinal of the first message in the bag.
-        topics: number of the topic of each.
-        stamps_ns: the recorder's stamps.
-        payloads: bytes of the wanted topics, None for the rest.
-    """
-
-    first: int
-    topics: list[Any]
-    stamps_ns: list[Any]
-    payloads: list[Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,127 +63,18 @@ def is_bag(path: Path) -> bool:
         except OSError:
             return False
     try:
-        with closing(_connect(path)) as database:
-            return _tables(database) >= {"topics", "messages"}
+        with closing(connect(path)) as database:
+            return tables(database) >= {"topics", "messages"}
     except apsw.Error:
         return False
 
 
-class Bag:
-    """An open bag."""
+def connect(path: Path) -> apsw.Connection:
+    """Open a database read-only, leaving no trace beside it.
 
-    def __init__(self, path: Path) -> None:
-        """Open a database read-only.
-
-        Raises:
-            ConversionError: it is locked, or damaged beyond reading its topics.
-        """
-        self._name = path.name
-        try:
-            self._database = _connect(path)
-            if not _tables(self._database) >= {"topics", "messages"}:
-                raise ConversionError(f"{path.name!r} is an SQLite database, but no ROS 2 bag: it lacks the tables 'topics' and 'messages'")
-            rows = self._database.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id").fetchall()
-        except apsw.Error as error:
-            raise ConversionError(f"the bag {path.name!r} cannot be read: {error}") from error
-        self.topics = tuple(Topic(int(row[0]), *map(str, row[1:])) for row in rows)
-
-    def close(self) -> None:
-        """Close the database."""
-        self._database.close()
-
-    def highest_id(self) -> int:
-        """Return the highest message key: in an undamaged bag, the number of messages; 0 where it cannot be read."""
-        try:
-            highest: Any = self._database.execute("SELECT max(id) FROM messages").fetchall()[0][0]
-        except apsw.Error:
-            return 0
-        return int(highest) if highest else 0
-
-    def slabs(self, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
-        """Yield all messages in bag order, those of other topics without their payload."""
-        payload = "data"
-        if wanted < {topic.number for topic in self.topics}:
-            payload = f"CASE WHEN topic_id IN ({', '.join(map(str, sorted(wanted))) or 'NULL'}) THEN data END"
-        query = f"SELECT id, topic_id, timestamp, {payload} FROM messages WHERE id > ? ORDER BY id"  # noqa: S608 - numbers of our own
-        ordinal, last = 0, -(2**63)
-        while True:
-            try:
-                for ids, *columns in self._pieces(query, last):
-                    yield Slab(ordinal, *columns)
-                    ordinal, last = ordinal + len(ids), ids[-1]
-            except (apsw.BusyError, apsw.LockedError) as error:
-                raise ConversionError(f"the bag {self._name!r} is locked by another program; close it there first") from error
-            except apsw.Error as error:
-                following = self._next_readable(query, last)
-                lost = (following if following is not None else max(self.highest_id() + 1, last + 2)) - max(last, 0) - 1
-                if lost > 0:
-                    yield Reject(ordinal, lost, _damage(error))
-                if following is None:
-                    return
-                ordinal, last = ordinal + lost, following - 1
-            else:
-                return
-
-    def _pieces(self, query: str, after: int) -> Iterator[tuple[list[Any], ...]]:
-        """Yield columns in slabs; what stands before damage comes before its error."""
-        cursor = self._database.execute(query, (after,))
-        columns: tuple[list[Any], ...] = ([], [], [], [])
-        rows, failure = _fetch(cursor)
-        while rows:
-            # Few rows at a time: tuples that live long cost the garbage collector more than the reading.
-            for column, values in zip(columns, zip(*rows, strict=True), strict=True):
-                column += values
-            if len(columns[0]) >= SLAB_MESSAGES:
-                yield columns
-                columns = ([], [], [], [])
-            if failure:
-                break
-            rows, failure = _fetch(cursor)
-        if columns[0]:
-            yield columns
-        if failure:
-            raise failure
-
-    def _next_readable(self, query: str, last: int) -> int | None:
-        """Return the first key after the damage from which a message can be read; None where there is none."""
-        bad, step = max(last, 0) + 1, 1
-        while (good := self._first_from(query, bad + step)) is None:
-            if bad + step > max(self.highest_id(), 1 << 40):
-                return None
-            bad, step = bad + step, step * 2
-        low = bad
-        while low + 1 < good:
-            middle = (low + good) // 2
-            found = self._first_from(query, middle)
-            if found is None:
-                low = middle
-            elif found >= good:
-                good = min(good, found)
-                break
-            else:
-                good = found
-        return good
-
-    def _first_from(self, query: str, key: int) -> int | None:
-        try:
-            row = next(self._database.execute(query, (key - 1,)), None)
-        except apsw.Error:
-            return None
-        return None if row is None else int(row[0])
-
-
-def _fetch(cursor: apsw.Cursor) -> tuple[list[tuple[Any, ...]], apsw.Error | None]:
-    """Return the next rows, and the error that ends them."""
-    rows: list[tuple[Any, ...]] = []
-    try:
-        rows.extend(islice(cursor, FETCHED_MESSAGES))  # what came before an error stays in the list
-    except apsw.Error as error:
-        return rows, error
-    return rows, None
-
-
-def _connect(path: Path) -> apsw.Connection:
+    Raises:
+        apsw.Error: it cannot be opened.
+    """
     with path.open("rb") as file:
         head = file.read(20)
     write_ahead = Path(f"{path}-wal")
@@ -231,13 +90,8 @@ def _connect(path: Path) -> apsw.Connection:
     return database
 
 
-def _damage(error: apsw.Error) -> str:
-    if isinstance(error, apsw.TooBigError):
-        return f"a message has more than {MAX_MESSAGE_BYTES:,} bytes"
-    return f"the database is damaged here ({error})"
-
-
-def _tables(database: apsw.Connection) -> set[str]:
+def tables(database: apsw.Connection) -> set[str]:
+    """Return the names of the tables, views left out."""
     return {row[0] for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
 
 

@@ -37,6 +37,10 @@ class CdrError(Exception):
     """A message that cannot be decoded, and why."""
 
 
+Failure = tuple[int, str]
+"""Place of a message that cannot be decoded, and why."""
+
+
 @dataclass(frozen=True, slots=True)
 class Group:
     """Messages of one layout: their places in the given sequence, and one structured row each.
@@ -87,24 +91,33 @@ def read_folder(folder: Path, types: Sequence[str]) -> Definitions:
     return definitions
 
 
-def decode(messages: Sequence[bytes], name: str, types: Definitions) -> tuple[list[Group], list[tuple[int, str]]]:
-    """Return all messages of a type by layout, and the place and reason of each that cannot be decoded."""
+def decode(joined: bytes | bytearray, lengths: NDArray[np.int64], name: str, types: Definitions) -> tuple[list[Group], list[Failure]]:
+    """Return all messages of a type by layout, and each that cannot be decoded.
+
+    Args:
+        joined: the messages, one after the other.
+        lengths: bytes of each, ``(n,)``.
+        name: their type.
+        types: definitions of that type and those within it.
+    """
     groups: list[Group] = []
-    failures: list[tuple[int, str]] = []
-    lengths = np.fromiter(map(len, messages), np.intp, len(messages))
+    failures: list[Failure] = []
+    octets = np.frombuffer(joined, np.uint8)
+    starts = np.cumsum(lengths) - lengths
     for length in np.unique(lengths).tolist():
         index, passes = np.flatnonzero(lengths == length), 0
         while index.size:
+            first = int(starts[index[0]])
             try:
-                layout = _walk(messages[index[0]], name, types)
+                layout = _walk(bytes(joined[first : first + length]), name, types)
             except CdrError as error:
                 failures.append((int(index[0]), str(error)))
                 index = index[1:]
                 continue
             passes += 1
             tried = index if passes <= MAX_LAYOUTS else index[:1]
-            whole = messages if tried.size == len(messages) else [messages[i] for i in tried.tolist()]
-            rows = np.frombuffer(b"".join(whole), layout.dtype)
+            whole = octets if tried.size == lengths.size else octets[starts[tried, None] + np.arange(length)].reshape(-1)
+            rows = whole.view(layout.dtype)
             same = layout.fits(rows)
             groups.append(Group(tried, rows) if same.all() else Group(tried[same], rows[same]))
             index = np.concatenate([tried[~same], index[tried.size :]])

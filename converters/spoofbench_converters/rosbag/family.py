@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.converting import Block, Columns, Facts, Reject
-from spoofbench_converters.rosbag.bag import Topic
 from spoofbench_converters.rosbag.cdr import Definitions
+from spoofbench_converters.rosbag.reading import Topic
 
 
 @dataclass(frozen=True, slots=True)

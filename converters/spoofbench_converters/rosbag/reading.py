@@ -1,0 +1,249 @@
+"""Messages of a bag in bag order, by topic, read around damage.
+
+Reading is most of the time that a conversion takes, so rows are fetched some hundreds at a time, their
+payloads joined by topic while they are still in the processor's cache, and no Python object outlives that.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import compress, islice
+from pathlib import Path
+from typing import Any
+
+import apsw
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.converting import Reject
+from spoofbench.errors import ConversionError
+from spoofbench_converters.rosbag.bag import MAX_MESSAGE_BYTES, connect, tables
+
+SLAB_MESSAGES = 16_384
+FETCHED_MESSAGES = 512
+
+_Row = tuple[Any, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One topic of a bag; ``number`` is its key in the bag."""
+
+    number: int
+    name: str
+    type: str
+    encoding: str
+
+
+@dataclass(frozen=True, slots=True)
+class Payloads:
+    """Successive messages of one topic.
+
+    Attributes:
+        joined: their bytes, one after the other.
+        lengths: bytes of each, ``(n,)``.
+        records: ordinal of each in the bag, ``(n,)``.
+        stamps_ns: when the recorder got each, ``(n,)``.
+    """
+
+    joined: bytes | bytearray
+    lengths: NDArray[np.int64]
+    records: NDArray[np.int64]
+    stamps_ns: NDArray[np.int64]
+
+
+@dataclass(slots=True)
+class Slab:
+    """Successive messages of a bag, at most a set number.
+
+    Attributes:
+        wanted: messages by number of the wanted topics.
+        others: how many messages each other topic has, and the ordinal of its first.
+        rejects: messages whose row is not as it must be.
+    """
+
+    wanted: dict[int, Payloads] = field(default_factory=dict)
+    others: dict[int, tuple[int, int]] = field(default_factory=dict)
+    rejects: list[Reject] = field(default_factory=list)
+
+
+class Bag:
+    """An open bag.
+
+    Attributes:
+        topics: all topics.
+        records: how many messages were met so far, lost ones included.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open a database read-only.
+
+        Raises:
+            ConversionError: it is locked, or damaged beyond reading its topics, or no bag.
+        """
+        self.records = 0
+        self._name = path.name
+        try:
+            self._database = connect(path)
+            if not tables(self._database) >= {"topics", "messages"}:
+                raise ConversionError(f"{path.name!r} is an SQLite database, but no ROS 2 bag: it lacks the tables 'topics' and 'messages'")
+            rows: list[Any] = self._database.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id").fetchall()
+        except apsw.Error as error:
+            raise ConversionError(f"the bag {path.name!r} cannot be read: {error}") from error
+        self.topics = tuple(Topic(int(row[0]), *map(str, row[1:])) for row in rows)
+
+    def close(self) -> None:
+        """Close the database."""
+        self._database.close()
+
+    def highest_id(self) -> int:
+        """Return the highest message key: in an undamaged bag, the number of messages; 0 where it cannot be read."""
+        try:
+            rows: list[Any] = self._database.execute("SELECT max(id) FROM messages").fetchall()
+        except apsw.Error:
+            return 0
+        return int(rows[0][0] or 0)
+
+    def slabs(self, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
+        """Yield all messages in bag order; of the topics that are not wanted, only how many there are."""
+        payload = "data"
+        if wanted < {topic.number for topic in self.topics}:
+            payload = f"CASE WHEN topic_id IN ({', '.join(map(str, sorted(wanted))) or 'NULL'}) THEN data END"
+        query = f"SELECT id, topic_id, timestamp, {payload} FROM messages WHERE id > ? ORDER BY id"  # noqa: S608 - numbers of our own
+        last: int | None = -(2**63)
+        while last is not None:
+            rows = _Rows(self._database, query, last)
+            filling = _Filling(wanted)
+            while fetched := rows.fetch():
+                filling.add(fetched, self.records)
+                self.records += len(fetched)
+                if filling.messages >= SLAB_MESSAGES:
+                    yield filling.slab()
+                    filling = _Filling(wanted)
+            if filling.messages:
+                yield filling.slab()
+            if rows.failure is None:
+                return
+            reject, last = self._around(rows.failure, query, max(rows.last, 0))
+            self.records += reject.length
+            yield reject
+
+    def _around(self, failure: apsw.Error, query: str, last: int) -> tuple[Reject, int | None]:
+        """Return what was lost after a message, and the key after which to go on, None where nothing follows."""
+        if isinstance(failure, apsw.BusyError | apsw.LockedError):
+            raise ConversionError(f"the bag {self._name!r} is locked by another program; close it there first") from failure
+        reason = f"the database is damaged here ({failure})"
+        if isinstance(failure, apsw.TooBigError):
+            reason = f"a message has more than {MAX_MESSAGE_BYTES:,} bytes"
+        highest = self.highest_id()
+        following = self._next_readable(query, last + 1, highest)
+        lost = (max(highest + 1, last + 2) if following is None else following) - last - 1
+        return Reject(self.records, lost, reason), None if following is None else following - 1
+
+    def _next_readable(self, query: str, bad: int, highest: int) -> int | None:
+        """Return the first key after a bad one from which a message can be read."""
+        step = 1
+        while (good := self._first_from(query, bad + step)) is None:
+            if bad + step > max(highest, 1 << 40):
+                return None
+            bad, step = bad + step, step * 2
+        while bad + 1 < good:
+            middle = (bad + good) // 2
+            found = self._first_from(query, middle)
+            if found is None:
+                bad = middle
+            elif found == good:
+                return good
+            else:
+                good = found
+        return good
+
+    def _first_from(self, query: str, key: int) -> int | None:
+        try:
+            row: _Row | None = next(self._database.execute(query, (key - 1,)), None)
+        except apsw.Error:
+            return None
+        return None if row is None else int(row[0])
+
+
+class _Rows:
+    """Rows of a query up to its end or to the first that cannot be read.
+
+    Attributes:
+        last: key of the newest row.
+        failure: why reading ended, None at the end.
+    """
+
+    def __init__(self, database: apsw.Connection, query: str, after: int) -> None:
+        self.last = after
+        self.failure: apsw.Error | None = None
+        self._cursor: Iterator[_Row] = iter(())
+        try:
+            self._cursor = database.execute(query, (after,))
+        except apsw.Error as error:
+            self.failure = error
+
+    def fetch(self) -> list[_Row]:
+        """Return the next rows, none at the end."""
+        rows: list[_Row] = []
+        if self.failure is None:
+            try:
+                rows.extend(islice(self._cursor, FETCHED_MESSAGES))  # what came before an error stays in the list
+            except apsw.Error as error:
+                self.failure = error
+        if rows:
+            self.last = rows[-1][0]
+        return rows
+
+
+class _Filling:
+    """A slab being filled."""
+
+    def __init__(self, wanted: frozenset[int]) -> None:
+        self.messages = 0
+        self._joined: dict[int, bytearray] = {number: bytearray() for number in wanted}
+        self._parts: dict[int, list[tuple[Any, ...]]] = {number: [] for number in wanted}
+        self._others: dict[int, tuple[int, int]] = {}
+        self._rejects: list[Reject] = []
+
+    def add(self, rows: list[_Row], first: int) -> None:
+        """Take rows, the first of which has this ordinal in the bag."""
+        self.messages += len(rows)
+        records = np.arange(first, first + len(rows))
+        try:
+            self._sort(rows, records)
+        except TypeError:  # a column holds something else than it must: rare, so looked for only now
+            good = [self._is_good(row) for row in rows]
+            kept = np.array(good)
+            self._rejects += [Reject(record, 1, "a message's row is not of the types that a bag has") for record in records[~kept].tolist()]
+            if kept.any():
+                self._sort(list(compress(rows, good)), records[kept])
+
+    def _sort(self, rows: list[_Row], records: NDArray[np.int64]) -> None:
+        _, numbers, stamps, payloads = zip(*rows, strict=True)
+        topics, stamps_ns = np.array(numbers), np.array(stamps)
+        if topics.dtype != np.int64 or stamps_ns.dtype != np.int64:
+            raise TypeError
+        parts = {}
+        for number in set(numbers):
+            mine = topics == number
+            if number in self._joined:
+                chosen = list(compress(payloads, mine.tolist()))
+                parts[number] = (b"".join(chosen), np.fromiter(map(len, chosen), np.int64, len(chosen)), records[mine], stamps_ns[mine])
+            else:
+                count, start = self._others.get(number, (0, int(records[mine][0])))
+                self._others[number] = (count + int(mine.sum()), start)
+        for number, (joined, *arrays) in parts.items():
+            self._joined[number] += joined
+            self._parts[number].append(tuple(arrays))
+
+    def _is_good(self, row: _Row) -> bool:
+        return isinstance(row[1], int) and isinstance(row[2], int) and (isinstance(row[3], bytes) or row[1] not in self._joined)
+
+    def slab(self) -> Slab:
+        """Return what was taken."""
+        wanted = {
+            number: Payloads(self._joined[number], *(np.concatenate(column) for column in zip(*parts, strict=True)))
+            for number, parts in self._parts.items()
+            if parts
+        }
+        return Slab(wanted, self._others, self._rejects)
