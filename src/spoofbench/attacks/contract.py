@@ -168,8 +168,9 @@ def _applied(
     try:
         supply = supply_of(attack, clean, donors)
         if window.start_ns < supply.start_ns or window.end_ns > supply.end_ns:
-            early, late = ((edge - clean.span.start_ns) / 1e9 for edge in (supply.start_ns, supply.end_ns))
-            raise NotApplicable(f"attack {name!r} can be supplied from {early:.1f} to {late:.1f} s of the recording alone")
+            start_ns, *edges_ns = clean.span.start_ns, supply.start_ns, supply.end_ns, window.start_ns, window.end_ns
+            first, last, start, end = (f"{(edge_ns - start_ns) / 1e9:.1f}" for edge_ns in edges_ns)
+            raise NotApplicable(f"attack {name!r} has material for {first} to {last} s of the recording, not for {start} to {end} s")
         attacked = attack.apply(clean, window, rng, donors)
     except SpoofbenchError:
         raise

@@ -19,9 +19,10 @@ _SAME_SPEED_MPS = 2.0
 class ZeroAcceleration:
     """The best that an attacker can do who does not know the victim's acceleration: none (Lo et al. 2017).
 
-    Velocity is held from the last genuine epoch, position is its integral. On top lie residuals of the clean
-    data (rows less their local parabola, outside the window, from a drawn row on), so that noise stays natural:
-    those of rows at about the held speed where there are enough, since noise at rest is not that of driving.
+    Velocity is held from the last genuine epoch (where the receiver reports none: from its last two positions),
+    position is its integral. On top lie residuals of the clean data, so that noise stays natural: rows outside
+    the window less their local parabola, from a drawn one on; those at about the held speed where there are
+    enough, since noise at rest is not that of driving.
 
     Attributes:
         strength: share of the genuine motion that is replaced: 0 leaves it, 1 leaves none of the acceleration.
@@ -53,26 +54,29 @@ class ZeroAcceleration:
         if rows.size == 0:
             return table
         motion, epoch = motion_of(table), epochs_s(table)
-        last = _last_known(motion, int(rows[0]))
+        before, last = _last_known(motion, epoch, int(rows[0]))
         elapsed = (epoch[rows] - epoch[last])[:, None]
         noise = _residuals(motion, epoch, rows, _speeds(motion) - _speeds(motion)[last], draw)
         # genuine noise fades with the genuine motion: the two shares keep its variance
         share = np.sqrt(1 - (1 - self.strength) ** 2)
-        held = Motion(motion.position[last] + motion.rate[last] * elapsed, np.broadcast_to(motion.rate[last], noise.rate.shape))
+        slope = (motion.position[last] - motion.position[before]) / (epoch[last] - epoch[before])
+        steady = np.where(np.isfinite(motion.rate[last]), motion.rate[last], slope)
+        held = Motion(motion.position[last] + steady * elapsed, np.broadcast_to(steady, noise.rate.shape))
         position, rate = motion.position.copy(), motion.rate.copy()
         for ours, made, stray in ((position, held.position, noise.position), (rate, held.rate, noise.rate)):
             ours[rows] += self.strength * (made - ours[rows]) + share * stray
         return with_motion(table, Motion(position, rate))
 
 
-def _last_known(motion: Motion, row: int) -> int:
-    """The last row before this one that has all the position and velocity components that any row has."""
+def _last_known(motion: Motion, epoch: Floats, row: int) -> tuple[int, int]:
+    """The last two epochs before this row that have all the position and velocity components that any row has."""
     both = np.hstack([motion.position, motion.rate])
     reported = np.isfinite(both).any(axis=0)
-    known = np.isfinite(both[:row, reported]).all(axis=1)
-    if not reported.any() or not known.any():
-        raise NotApplicable("no genuine epoch with position and velocity stands before the window")
-    return int(np.flatnonzero(known)[-1])
+    known = np.flatnonzero(np.isfinite(both[:row, reported]).all(axis=1))
+    earlier = known[epoch[known] < epoch[known].max(initial=-np.inf)]
+    if not reported.any() or not earlier.size:
+        raise NotApplicable("fewer than two genuine epochs with a fix stand before the window")
+    return int(earlier[-1]), int(known[-1])
 
 
 def _speeds(motion: Motion) -> Floats:

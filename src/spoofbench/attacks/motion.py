@@ -79,7 +79,8 @@ def with_motion(pvt: Table, moved: Motion) -> Table:
 
 def _velocity(pvt: Table) -> Floats:
     """Velocity NED (m/s), ``(n, 3)``."""
-    course = np.radians(pvt["course_deg"])
+    # receivers leave the course out when they stand still
+    course = np.radians(np.where(pvt["speed_mps"] == 0, 0.0, pvt["course_deg"]))
     level = pvt.valid("vel_n_mps") & pvt.valid("vel_e_mps")
     north = np.where(level, pvt["vel_n_mps"], pvt["speed_mps"] * np.cos(course))
     east = np.where(level, pvt["vel_e_mps"], pvt["speed_mps"] * np.sin(course))

@@ -86,10 +86,10 @@ def supply_from(clean: Recording, history_s: float) -> Interval:
     start_ns = int(time_ns[0]) + round(history_s * 1e9) if time_ns.size else 0
     if not time_ns.size or start_ns > time_ns[-1]:
         raise NotApplicable(f"the primary {PVT!r} has less than the {history_s:.6g} s of history that the attack needs")
-    return Interval(start_ns, int(time_ns[-1]) + 1)
+    return Interval(start_ns, clean.span.end_ns)
 
 
-def _require_positive(name: str, value: float) -> None:
+def _require_at_least_0(name: str, value: float) -> None:
     if not (np.isfinite(value) and value >= 0):
         raise ValueError(f"{name} must be finite and at least 0, not {value!r}")
 
@@ -109,7 +109,7 @@ class Delayed:
     strength_unit: ClassVar[str] = "s"
 
     def __post_init__(self) -> None:
-        _require_positive("delay_s", self.delay_s)
+        _require_at_least_0("delay_s", self.delay_s)
 
     @property
     def strength(self) -> float:
@@ -174,8 +174,8 @@ class Meacon:
     strength_unit: ClassVar[str] = "1"
 
     def __post_init__(self) -> None:
-        _require_positive("offset_s", self.offset_s or 0.0)
-        _require_positive("separation_s", self.separation_s)
+        _require_at_least_0("offset_s", self.offset_s or 0.0)
+        _require_at_least_0("separation_s", self.separation_s)
         if self.strength not in (0, 1):
             raise ValueError(f"strength must be 1 or 0, not {self.strength!r}")
 

@@ -48,7 +48,8 @@ class Resolution:
         written = values if self.write is None else self.write(values)
         if self.dust and self.write is not None:
             grid = self.write(genuine)
-            written = written + np.nan_to_num((genuine - grid) / np.spacing(np.abs(grid))) * np.spacing(np.abs(written))
+            ulps = np.nan_to_num((genuine - grid) / np.spacing(np.abs(grid)))
+            written = written + np.clip(ulps, -_DUST_ULPS, _DUST_ULPS) * np.spacing(np.abs(written))
         return written if self.negative_zero else written + 0.0
 
 
@@ -66,7 +67,7 @@ def resolutions(table: Table, names: Iterable[str]) -> dict[str, Resolution]:
 
 
 def resolution(column: NDArray[np.floating]) -> Resolution:
-    """Find how a column's values are written: the coarsest writing that gives every one of them back, bit for bit."""
+    """Find how a column's values are written: the first known way, coarse before fine, that gives each of them back bit for bit."""
     single = column.dtype == np.float32
     values = column[~np.isnan(column)].astype(np.float64)
     negative_zero = bool(np.any(np.signbit(values) & (values == 0)))
@@ -86,32 +87,32 @@ def resolution(column: NDArray[np.floating]) -> Resolution:
 
 
 def _writings(single: bool) -> Iterator[Writing]:
-    for decimals in _DECIMALS:
-        for write in _decimal_writings(decimals):
-            yield _as_single(write) if single else write
-    if not single:
-        for decimals in _DECIMALS[:8]:
-            yield _as_single(_rounded(decimals))
-        yield _as_single(lambda values: values)
-
-
-def _decimal_writings(decimals: int) -> Iterator[Writing]:
-    rounded = _rounded(decimals)
-    yield rounded
-    yield lambda values: np.rint(values * 10.0**decimals) * 10.0**-decimals
-    yield lambda values: np.rad2deg(np.deg2rad(rounded(values)))
-    for scale in _SCALES[1:]:
-        yield _scaled(decimals, scale)
+    """Known ways to write, in the order of belief; a decimal grid lies within finer ones of minutes, so decimals come first."""
+    if single:
+        yield from (_as_single(_rounded(decimals)) for decimals in _DECIMALS)
+        return
+    yield from (_rounded(decimals) for decimals in _DECIMALS)
+    yield from (_multiplied(decimals) for decimals in _DECIMALS)
+    yield from (_from_radians(decimals) for decimals in _DECIMALS)
+    yield from (_as_single(_rounded(decimals)) for decimals in _DECIMALS)
+    yield _as_single(lambda values: values)
+    yield from (_scaled(decimals, scale) for scale in _SCALES[1:] for decimals in _DECIMALS)
 
 
 def _grids() -> Iterator[tuple[Writing, float]]:
-    for decimals in _DECIMALS:
-        for scale in _SCALES:
-            yield _scaled(decimals, scale), 10.0**-decimals / scale
+    return ((_scaled(decimals, scale), 10.0**-decimals / scale) for scale in _SCALES for decimals in _DECIMALS)
 
 
 def _rounded(decimals: int) -> Writing:
     return lambda values: np.round(values, decimals)
+
+
+def _multiplied(decimals: int) -> Writing:
+    return lambda values: np.rint(values * 10.0**decimals) * 10.0**-decimals
+
+
+def _from_radians(decimals: int) -> Writing:
+    return lambda values: np.rad2deg(np.deg2rad(np.round(values, decimals)))
 
 
 def _scaled(decimals: int, scale: float) -> Writing:

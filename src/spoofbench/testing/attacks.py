@@ -238,7 +238,7 @@ def _attacked_topics(variant: Variant) -> list[str]:
 
 def _changed_ns(clean: Table, attacked: Table) -> Any:
     """Times at which two tables do not have the same rows."""
-    rows = {}
+    rows: dict[int, tuple[list[Any], list[Any]]] = {}
     for which, table in enumerate((clean, attacked)):
         fields = [table.words(n) if table.column(n).words is not None else _bits(table, n) for n in clean.kind.fields]
         for time_ns, *row in zip(table.time_ns.tolist(), *fields, strict=True):
@@ -277,7 +277,9 @@ def is_deterministic(subject: Subject) -> None:
             random.seed(variant.seed + 1)
             np.random.seed(variant.seed + 1)  # noqa: NPY002
             again = falsify(subject.name, fresh, variant.clean, variant.window, variant.seed, variant.donors)
-            _require(again.digest() == variant.attacked.digest(), f"on {variant.name}, seed {variant.seed} gives other rows the second time")
+            _require(
+                again.digest() == variant.attacked.digest(), f"on {variant.name}, seed {variant.seed} gives other rows the second time"
+            )
     finally:
         random.setstate(state)
         np.random.set_state(numpy_state)  # noqa: NPY002
