@@ -3,7 +3,7 @@
 Arrays of vectors have shape ``(3, n)``, in the sensor frame as recorded.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,8 @@ from spoofbench.recording import Table
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
-AXES = "xyz"
+FORCE = ("accel_x_mps2", "accel_y_mps2", "accel_z_mps2")
+RATE = ("gyro_x_radps", "gyro_y_radps", "gyro_z_radps")
 GAP_S = 0.2  # a sampled row stands for the time since the row before it, up to this
 COVERAGE = 0.8  # share of an interval that rows must stand for, or its mean is NaN
 
@@ -36,9 +37,7 @@ def interval_means(imu: Table, start_ns: Times, end_ns: Times) -> Motion:
         start_ns: shape ``(n,)``.
         end_ns: shape ``(n,)``, not before ``start_ns``.
     """
-    weight = _weights(imu)
-    columns = [f"accel_{axis}_mps2" for axis in AXES] + [f"gyro_{axis}_radps" for axis in AXES]
-    means = _means((imu[name] for name in columns), weight, imu.time_ns, start_ns, end_ns)
+    means = _means(imu, [imu[name] for name in FORCE + RATE], start_ns, end_ns)
     return Motion(means[:3], means[3:])
 
 
@@ -60,10 +59,10 @@ def is_stationary(imu: Table, time_ns: Times, rest: Rest) -> Floats:
     """
     blocks = round(rest.span_s / rest.smooth_s)
     edges = time_ns[:, None] + np.rint(np.linspace(-rest.span_s, 0, blocks + 1) * 1e9).astype(np.int64)
-    force = interval_means(imu, edges[:, :-1].ravel(), edges[:, 1:].ravel()).force_mps2.reshape(3, -1, blocks)
-    force_std = np.sqrt(force.var(axis=2).sum(axis=0))
-    square = np.sum([imu[f"gyro_{axis}_radps"] ** 2 for axis in AXES], axis=0)
-    rate_rms = np.sqrt(_means([square], _weights(imu), imu.time_ns, edges[:, 0], edges[:, -1])[0])
+    force = _means(imu, [imu[name] for name in FORCE], edges[:, :-1].ravel(), edges[:, 1:].ravel())
+    force_std = np.sqrt(force.reshape(3, -1, blocks).var(axis=2).sum(axis=0))
+    x, y, z = (imu[name] for name in RATE)
+    rate_rms = np.sqrt(_means(imu, [x * x + y * y + z * z], edges[:, 0], edges[:, -1])[0])
     still = (force_std < rest.force_std_mps2) & (rate_rms < rest.rate_rms_radps)
     return np.where(np.isnan(force_std) | np.isnan(rate_rms), np.nan, still)
 
@@ -78,13 +77,14 @@ def _weights(imu: Table) -> Floats:
     return np.where(sampled, np.minimum(elapsed, GAP_S), interval)
 
 
-def _means(columns: Iterable[Floats], weight: Floats, row_ns: Times, start_ns: Times, end_ns: Times) -> Floats:
-    """Weighted means of k columns over the rows within each ``(start, end]``, shape ``(k, n)``."""
-    first, last = np.searchsorted(row_ns, start_ns, "right"), np.searchsorted(row_ns, end_ns, "right")
+def _means(imu: Table, columns: Sequence[Floats], start_ns: Times, end_ns: Times) -> Floats:
+    """Means of k columns over the rows within each ``(start, end]``, weighted by seconds, shape ``(k, n)``."""
+    first, last = np.searchsorted(imu.time_ns, start_ns, "right"), np.searchsorted(imu.time_ns, end_ns, "right")
+    weight = _weights(imu)
     # reduceat sums each interval on its own, so no mean depends on where the recording starts or ends. It wants
     # starts that exist: one zero more than there are rows stands behind the last.
     edges = np.stack((first, last), axis=1).ravel()
-    increments = np.zeros(row_ns.size + 1)
+    increments = np.zeros(len(imu) + 1)
     sums = []
     for column in (np.ones(1), *columns):
         np.multiply(column, weight, out=increments[:-1])

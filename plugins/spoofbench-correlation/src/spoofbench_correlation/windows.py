@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Counts = NDArray[np.intp]
 
-BLOCK = 512  # windows that are centred on one value
-VANISHING = 1e-10  # variance, as share of the mean square, below which a window holds a constant
+CANCELLED = 1e-5  # variance, as share of the mean square, below which too few digits are left of their difference
+VANISHING = 1e-24  # the same, below which a window holds a constant
 
 
 class Correlation(NamedTuple):
@@ -38,29 +38,36 @@ def covered_s(dt_s: Floats, valid: NDArray[np.bool_], first: Counts) -> Floats:
 def correlate(x: Floats, y: Floats, valid: NDArray[np.bool_], first: Counts) -> Correlation:
     """Correlation coefficients over the valid pairs of each window (Borio, Eq 8, with N terms and divisor N).
 
-    Sums are formed window by window, about a value from the block's first window: so nothing of louder times
-    outside the window and nothing of the future is in their rounding.
+    Each window is summed on its own, so that its rounding knows nothing of louder times or of the future. Where the
+    mean so exceeds the spread that the moments cancel, the window is summed again about its mean.
 
     Args:
-        x: shape ``(k, n)``.
+        x: shape ``(k, n)``, n > 0.
         y: shape ``(k, n)``.
         valid: which pairs count, shape ``(n,)``; values elsewhere are ignored.
-        first: index of each window's first pair, non-decreasing, shape ``(n,)``.
+        first: index of each window's first pair, shape ``(n,)``.
     """
-    both = np.where(valid, np.stack([x, y]), 0.0)
-    moments = np.empty((5, *x.shape))
-    anchors = np.empty((2, *x.shape))
-    for start in range(0, valid.size, BLOCK):
-        stop = min(start + BLOCK, valid.size)
-        rows = slice(int(first[start]), stop)
-        head = slice(rows.start, start + 1)
-        anchor = both[:, :, head].sum(axis=2, keepdims=True) / max(int(valid[head].sum()), 1)
-        a, b = np.where(valid[rows], both[:, :, rows] - anchor, 0.0)
-        terms = np.stack([a, b, a * a, b * b, a * b])
-        moments[..., start:stop] = _window_sums(terms, first[start:stop] - rows.start, np.arange(start, stop) + 1 - rows.start)
-        anchors[..., start:stop] = anchor
+    x, y = np.where(valid, x, 0.0), np.where(valid, y, 0.0)
+    end = np.arange(1, valid.size + 1)
     total = np.concatenate(([0], np.cumsum(valid)))
-    return _coefficients(moments / np.maximum(total[1:] - total[first], 1), anchors)
+    edges = np.stack((first, end), axis=1).ravel()[:-1]
+    sums = np.add.reduceat(np.stack([x, y, x * x, y * y, x * y]), edges, axis=-1)[..., ::2]
+    mean_x, mean_y, xx, yy, xy = sums / np.maximum(total[end] - total[first], 1)
+    moments = np.stack([xx - mean_x**2, yy - mean_y**2, xy - mean_x * mean_y])
+    moving = (xx > 0) & (yy > 0)
+    for row, window in np.argwhere(moving & ((moments[0] < CANCELLED * xx) | (moments[1] < CANCELLED * yy))).tolist():
+        kept = np.flatnonzero(valid[first[window] : window + 1]) + first[window]
+        moments[:, row, window] = _central_moments(x[row, kept], y[row, kept])
+    variance_x, variance_y, covariance = moments
+    loose = moving & (variance_x > VANISHING * xx) & (variance_y > VANISHING * yy)
+    std_x, std_y = np.sqrt(np.maximum(variance_x, 0)), np.sqrt(np.maximum(variance_y, 0))
+    coefficient = np.divide(covariance, std_x * std_y, out=np.full_like(xx, np.nan), where=loose)
+    return Correlation(np.clip(coefficient, -1, 1), std_x, std_y)
+
+
+def _central_moments(x: Floats, y: Floats) -> tuple[float, float, float]:
+    x, y = x - x.mean(), y - y.mean()
+    return float((x * x).mean()), float((y * y).mean()), float((x * y).mean())
 
 
 def trailing_median(values: Floats, length: int) -> Floats:
@@ -69,19 +76,3 @@ def trailing_median(values: Floats, length: int) -> Floats:
         return values
     padded = np.concatenate([np.full((values.shape[0], length - 1), np.nan), values], axis=1)
     return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, length, axis=1), axis=2))
-
-
-def _window_sums(terms: Floats, first: Counts, end: Counts) -> Floats:
-    """Sums of ``terms[..., first:end]``, every window of at least one element."""
-    edges = np.stack((first, end), axis=1).ravel()
-    return np.asarray(np.add.reduceat(terms, edges[:-1], axis=-1)[..., ::2])
-
-
-def _coefficients(moments: Floats, anchors: Floats) -> Correlation:
-    mean_x, mean_y, xx, yy, xy = moments
-    variance_x, variance_y = xx - mean_x**2, yy - mean_y**2
-    anchor_x, anchor_y = anchors
-    loose = (variance_x > VANISHING * (xx + anchor_x**2)) & (variance_y > VANISHING * (yy + anchor_y**2))
-    std_x, std_y = np.sqrt(np.maximum(variance_x, 0)), np.sqrt(np.maximum(variance_y, 0))
-    coefficient = np.divide(xy - mean_x * mean_y, std_x * std_y, out=np.full_like(xx, np.nan), where=loose)
-    return Correlation(np.clip(coefficient, -1, 1), std_x, std_y)

@@ -1,0 +1,107 @@
+"""Means over intervals, and standstill, against loops over the rows."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spoofbench_correlation import imu
+
+from spoofbench.recording import Table
+
+SECOND = 1_000_000_000
+NAMES = ("accel_x_mps2", "accel_y_mps2", "accel_z_mps2", "gyro_x_radps", "gyro_y_radps", "gyro_z_radps")
+
+
+def rows(seed: int, n: int, averaged: bool, lost: float = 0.0) -> Table:
+    """IMU rows about every 10 ms, some lost, averaged over their own step or sampled."""
+    rng = np.random.default_rng(seed)
+    step = rng.integers(8_000_000, 12_000_000, n)
+    kept = rng.random(n) >= lost
+    time_ns = np.cumsum(step)[kept]
+    columns = {name: rng.normal(0, 1, kept.sum()) for name in NAMES}
+    if averaged:
+        columns["interval_s"] = step[kept] / 1e9
+    return Table("imu", time_ns, columns)
+
+
+def literal_mean(table: Table, name: str, start: int, end: int) -> float:
+    """Sum of increments over sum of seconds of the rows in (start, end]; NaN if they stand for less than 80 %."""
+    increments, seconds = [], []
+    for k in range(len(table)):
+        if start < table.time_ns[k] <= end:
+            interval = table["interval_s"][k]
+            if not interval > 0:
+                interval = min((table.time_ns[k] - table.time_ns[k - 1]) / 1e9, imu.GAP_S) if k else 0.0
+            increments.append(table[name][k] * interval)
+            seconds.append(interval)
+    if not seconds or math.fsum(seconds) < imu.COVERAGE * (end - start) / 1e9:
+        return math.nan
+    return math.fsum(increments) / math.fsum(seconds)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.floats(0, 0.3), st.lists(st.integers(-SECOND, 5 * SECOND), min_size=2, max_size=12))
+def test_means_are_increments_over_seconds(seed: int, averaged: bool, lost: float, edges: list[int]) -> None:
+    table = rows(seed, 300, averaged, lost)
+    start, end = np.sort(np.array([edges[:-1], edges[1:]]), axis=0)
+    found = np.concatenate(imu.interval_means(table, start, end))
+    for name, row in zip(NAMES, found, strict=True):
+        expected = [literal_mean(table, name, *pair) for pair in zip(start.tolist(), end.tolist(), strict=True)]
+        assert row == pytest.approx(expected, rel=1e-9, abs=1e-12, nan_ok=True)
+
+
+def test_later_rows_change_no_bit() -> None:
+    table, edges = rows(3, 2000, averaged=True), np.arange(0, 12) * SECOND
+    whole = imu.interval_means(table, edges[:-1], edges[1:])
+    part = imu.interval_means(table.until(int(edges[-1])), edges[:-1], edges[1:])
+    assert np.concatenate(whole).tobytes() == np.concatenate(part).tobytes()
+
+
+def test_an_interval_with_an_unknown_value_has_no_mean() -> None:
+    table = rows(4, 300, averaged=True)
+    values = table["accel_y_mps2"].copy()
+    values[150] = np.nan
+    found = imu.interval_means(table.replace(accel_y_mps2=values), np.array([0, SECOND]), np.array([SECOND, 2 * SECOND]))
+    assert np.isnan(found.force_mps2).tolist() == [[False, False], [False, True], [False, False]]
+
+
+def test_one_row_per_second_is_no_mean() -> None:
+    table = Table("imu", np.arange(1, 20) * SECOND, dict.fromkeys(NAMES, np.ones(19)))
+    found = imu.interval_means(table, np.arange(1, 10) * SECOND, np.arange(2, 11) * SECOND)
+    assert np.isnan(found.force_mps2).all()
+
+
+@pytest.mark.parametrize(("force", "rate", "still"), [(0.0, 0.0, 1), (1.0, 0.0, 0), (0.0, 0.05, 0), (np.nan, 0.0, np.nan)])
+def test_standing_still(force: float, rate: float, still: float) -> None:
+    """A swing of 0.5 Hz in specific force, or a steady turn, is motion; neither is standstill."""
+    time_ns = np.arange(1, 1000) * SECOND // 100
+    swing = force * np.sin(np.pi * time_ns / 1e9)
+    columns = {**dict.fromkeys(NAMES, np.zeros(time_ns.size)), "accel_z_mps2": -9.8 + swing, "gyro_z_radps": np.full(time_ns.size, rate)}
+    found = imu.is_stationary(Table("imu", time_ns, columns), np.arange(2, 9) * SECOND, imu.Rest())
+    np.testing.assert_array_equal(found, np.full(7, still))
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 2**32 - 1))
+def test_standstill_is_the_spread_of_smoothed_force_and_the_rms_of_rate(seed: int) -> None:
+    table = rows(seed, 400, averaged=True)
+    for end in (SECOND * 3 // 2, 2 * SECOND, 3 * SECOND):
+        blocks = [[literal_mean(table, name, end - (k + 1) * SECOND // 5, end - k * SECOND // 5) for name in NAMES[:3]] for k in range(5)]
+        spread = math.sqrt(sum(np.var([block[axis] for block in blocks]) for axis in range(3)))
+        squared = table.replace(gyro_x_radps=sum(table[name] ** 2 for name in NAMES[3:]))
+        rms = math.sqrt(literal_mean(squared, "gyro_x_radps", end - SECOND, end))
+        for force_limit, rate_limit in ((1.001, 1.001), (0.999, 1.001), (1.001, 0.999)):
+            rest = imu.Rest(force_std_mps2=force_limit * spread, rate_rms_radps=rate_limit * rms)
+            expected = force_limit > 1 and rate_limit > 1
+            assert imu.is_stationary(table, np.array([end]), rest).tolist() == [expected]
+
+
+def test_a_running_engine_is_smoothed_away() -> None:
+    rng, time_ns = np.random.default_rng(5), np.arange(1, 1000) * SECOND // 100
+    columns = {
+        **dict.fromkeys(NAMES, np.zeros(time_ns.size)),
+        "accel_x_mps2": np.sin(2 * np.pi * 25 * time_ns / 1e9) + rng.normal(0, 0.1, 999),
+    }
+    assert imu.is_stationary(Table("imu", time_ns, columns), np.array([5 * SECOND]), imu.Rest()).tolist() == [1]
