@@ -44,14 +44,15 @@ def _scrambled(table: Table, first: int, rng: np.random.Generator) -> Table:
 
 
 def _altered(table: Table, first: int, rng: np.random.Generator) -> Table:
-    """Scale and shift the numbers, lose some of them, lose every third row, let time run on by another step."""
+    """Scale and shift floats and lose some, change some counts and flags, lose every third row, let time run ahead."""
     after = np.arange(len(table)) >= first
-    changed = {}
-    for name in table:
-        values = table[name]
+    changed = {name: table.column(name) for name in table}
+    for name, column in changed.items():
+        values, some = column.values, after & (rng.random(len(table)) < 0.2)
         if values.dtype.kind == "f":
             moved = values * 1.7 + rng.normal(0, 3, values.size)
-            changed[name] = np.where(after, np.where(rng.random(values.size) < 0.1, np.nan, moved), values)
-    later = table.time_ns + np.where(after, 37_000_000, 0)
-    altered = Table(table.kind.name, later, {**{name: table.column(name) for name in table}, **changed})
+            changed[name] = Column(np.where(some, np.nan, np.where(after, moved, values)))
+        elif column.words is None:
+            changed[name] = Column(np.where(some, values ^ np.ones((), values.dtype), values), column.valid)
+    altered = Table(table.kind.name, table.time_ns + np.where(after, 37_000_000, 0), changed)
     return altered.take(~after | (np.arange(len(table)) % 3 != 0))

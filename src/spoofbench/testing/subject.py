@@ -1,7 +1,8 @@
 """What the checks work on: one detector, the material, and the rule that tells decisions apart."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -74,11 +75,23 @@ def _late_velocity(recording: Recording) -> Recording:
     return recording.replace({"/gnss0/gnss/pvt": table.replace(**{name: np.where(late, table[name], np.nan) for name in names})})
 
 
+def private(recording: Recording) -> Recording:
+    """Return a recording of tables of its own over the same columns, so that nobody else sees what is done to them."""
+    return Recording({topic: table.take(slice(None)) for topic, table in recording.items()}, recording.metadata)
+
+
 def decide(detector: Detector, recording: Recording) -> Decisions:
-    """Run the detector as the harness does; its warnings are its own matter."""
+    """Run the detector as the harness does."""
+    with quiet():
+        return detect(detector, private(recording))
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Let a detector's warnings pass, whatever the caller makes of warnings: they are the author's own matter."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return detect(detector, recording)
+        yield
 
 
 def decide_if_possible(detector: Detector, recording: Recording) -> Decisions | None:
