@@ -74,6 +74,17 @@ def test_sample_statistics(given_series: Series, samples: int, stride: int) -> N
             assert variance[k] == pytest.approx(sum((x - centre) ** 2 for x in taken) / (samples - 1), abs=1e-12)
 
 
+def test_the_mean_difference_has_two_sides_and_a_bias() -> None:
+    z = s.mean_difference(np.array([0.39, -0.39, 0.4, -0.4, 0.03, -0.02, np.nan]), 0.03, 0.06)
+    np.testing.assert_allclose(z, [6.0, 6.0, 6.1667, 6.1667, 0, 0, np.nan], atol=1e-4)
+
+
+def test_the_chi_square_statistic_of_white_noise_has_its_distribution() -> None:
+    noise = np.random.default_rng(0).normal(0, 0.06, (20_000, 8))
+    chi2 = s.chi_square(noise.var(axis=1, ddof=1), 8, 0.06)
+    assert stats.kstest(chi2, stats.chi2(7).cdf).pvalue > 0.01
+
+
 @given(series())
 def test_nominal_interval(given_series: Series) -> None:
     time_s, _ = given_series

@@ -23,7 +23,16 @@ from spoofbench_acceleration.motion import (
     track_from_position,
     track_from_velocity,
 )
-from spoofbench_acceleration.statistics import Averaging, Executive, Floats, executive_margin, exponential_average, sample_statistics
+from spoofbench_acceleration.statistics import (
+    Averaging,
+    Executive,
+    Floats,
+    chi_square,
+    executive_margin,
+    exponential_average,
+    mean_difference,
+    sample_statistics,
+)
 
 Axis = Literal["vertical", "along_track"]
 Origin = Literal["velocity", "position"]
@@ -128,10 +137,10 @@ class AccelerationMonitor:
         difference = comparison.sensed_mps2 - comparison.expected_mps2
         average, runs = exponential_average(time_s, difference, self.averaging_s, self.averaging)
         mean, variance = sample_statistics(average, runs, self.samples, self.stride)
-        z = np.maximum(np.abs(mean) - self.bias_mps2, 0) / self.sigma_mps2
-        chi2 = (self.samples - 1) * variance / self.sigma_mps2**2
+        z = mean_difference(mean, self.bias_mps2, self.sigma_mps2) / self.z_threshold
+        chi2 = chi_square(variance, self.samples, self.sigma_mps2) / self.chi2_threshold
         shares = (self.flagged_share, self.flagged_share_alone)
-        score = executive_margin(time_s, z / self.z_threshold, chi2 / self.chi2_threshold, self.window_s, shares, self.executive)
+        score = executive_margin(time_s, z, chi2, self.window_s, shares, self.executive)
         return Decisions(comparison.time_ns, score, ~np.isnan(mean))
 
     def compare(self, recording: Recording) -> Comparison:

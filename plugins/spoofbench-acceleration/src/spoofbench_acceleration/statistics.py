@@ -71,6 +71,16 @@ def sample_statistics(differences: Floats, runs: NDArray[np.int64], samples: int
     return mean, variance
 
 
+def mean_difference(mean: Floats, bias_mps2: float, sigma_mps2: float) -> Floats:
+    """Return z of Lo et al. (2017) Eq (5), with the absolute mean: its threshold 6.1 is a two-sided one."""
+    return np.maximum(np.abs(mean) - bias_mps2, 0) / sigma_mps2
+
+
+def chi_square(variance: Floats, samples: int, sigma_mps2: float) -> Floats:
+    """Return the chi-square statistic of Lo et al. (2017) Eq (6), of ``samples`` - 1 degrees of freedom."""
+    return (samples - 1) * variance / sigma_mps2**2
+
+
 def nominal_interval_s(time_s: Floats) -> Floats:
     """Return the median of the last nine intervals at each row, NaN at the first; ``(n,)``."""
     steps = np.full(time_s.size + _INTERVALS - 1, np.nan)
