@@ -81,6 +81,12 @@ def test_random_alarms_come_at_their_rate_as_a_poisson_process() -> None:
     assert np.var(onsets) == pytest.approx(expected, rel=5 * math.sqrt(2 / days))
 
 
+def test_random_alarms_crowd_as_those_of_a_poisson_process_do() -> None:
+    """At nearly one per second, exp(-1) of the seconds see none."""
+    alert = detect(Random(3599.0, alert_s=1), epochs(100_000)).alert
+    assert 1 - alert.mean() == pytest.approx(math.exp(-1), abs=0.01)
+
+
 def test_a_random_alarm_lasts_its_length() -> None:
     alert = detect(Random(2.0, alert_s=20), epochs(3600 * 24 * 5)).alert
     lengths = np.diff(np.flatnonzero(np.diff(np.concatenate(([0], alert, [0])))))[::2]

@@ -27,7 +27,7 @@ class ReceiverFlag:
         """Score 0 for none, 2 for indicated, 3 for confirmed; of several rows at one time the last counts."""
         table = recording.primary("gnss/integrity")
         last = np.append(table.time_ns[1:] > table.time_ns[:-1], True)[: len(table)]
-        states = np.where(table.valid("spoofing"), table["spoofing"], gnss_pb2.SPOOFING_STATE_UNKNOWN)[last]
+        states = table["spoofing"][last]  # 0, unknown, where it is absent
         score = np.full(states.size, np.nan)
         for state, value in SCORES.items():
             score[states == state] = value
