@@ -1,6 +1,7 @@
 """What the main process has its workers do: describe plugins, prepare a recording, run groups of tasks."""
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,7 @@ class Preparation:
             self.survey = self._survey(worker, attacks)
             self.tasks = plan(self.suite, self.recording, self.survey, attacks, detectors)
             missing = self.ledger.missing(self.tasks)
-            wanted = {task.variant.id: task.variant for task in missing if not (task.variant.problem or task.detector.problem)}
+            wanted = {task.variant.id: task.variant for task in missing if not task.variant.problem}
             made = self._make(worker, list(wanted.values()))
         while len(made) < len(wanted):
             left = [variant for variant in wanted.values() if variant.id not in made]
@@ -136,7 +137,7 @@ class Preparation:
         for detector in detectors:
             group = sorted((task for task in tasks if task.detector is detector), key=lambda task: task.variant.number)
             if group:
-                jobs.append(Group(self.server, self.suite, detector, self.material, self.ledger).job(group))
+                jobs.append(partial(Group(self.server, self.suite, detector, self.material, self.ledger).run, group))
         return jobs
 
 
@@ -158,18 +159,16 @@ class Group:
     def __init__(self, server: Server, suite: Suite, detector: Part, material: Path, ledger: Ledger) -> None:
         self.server, self.limits, self.detector, self.material, self.ledger = server, suite.limits, detector, material, ledger
 
-    def job(self, tasks: Sequence[PlannedTask]) -> Job:
-        def work() -> list[Job]:
-            self.run(tasks)
-            return []
-
-        return work
-
-    def run(self, tasks: Sequence[PlannedTask]) -> None:
-        """Run tasks in one process; where it fails, those that had no result yet run again, each in a process of its own."""
-        for task in self._attempt(tasks, alone=False):
-            self._attempt([task], alone=True)
+    def run(self, tasks: Sequence[PlannedTask]) -> list[Job]:
+        """Run tasks in one process; return jobs that run those again that had no result when it failed, each in a process of its own."""
+        left = self._attempt(tasks, alone=False)
         self.ledger.write_costs()
+        return [partial(self._run_alone, task) for task in left]
+
+    def _run_alone(self, task: PlannedTask) -> list[Job]:
+        self._attempt([task], alone=True)
+        self.ledger.write_costs()
+        return []
 
     def _attempt(self, tasks: Sequence[PlannedTask], *, alone: bool) -> list[PlannedTask]:
         """Return the tasks without result; a task that is alone always gets one."""

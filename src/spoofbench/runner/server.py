@@ -17,7 +17,6 @@ import shutil
 import signal
 import socket
 import struct
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
@@ -47,34 +46,35 @@ _WORK: Mapping[str, str] = {
 
 def main(control_fd: int, parent: int) -> None:
     """Serve until the other end of the control socket closes, then end all workers and remove the folder."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     folder = Path.cwd()
     children: dict[int, int] = {}
+    woken, wake = os.pipe()
+    os.set_blocking(wake, False)
+    signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
+    for number in (signal.SIGTERM, signal.SIGCHLD):  # noted in the pipe: an exception could come in the middle of the tidying up
+        signal.signal(number, lambda *_: None)
     try:
         confine.die_with(parent, signal.SIGTERM)
         for module in (*_PRELOADED, *_WORK.values()):
             importlib.import_module(module)
         plugins.found(plugins.DETECTORS)
         gc.freeze()
-        _serve(socket.socket(fileno=control_fd), children)
+        _serve(socket.socket(fileno=control_fd), children, woken, wake)
     finally:
         for pid in children:
             _kill_group(pid)
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _serve(control: socket.socket, children: dict[int, int]) -> None:
-    woken, wake = os.pipe()
-    os.set_blocking(wake, False)
-    signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
-    signal.signal(signal.SIGCHLD, lambda *_: None)
+def _serve(control: socket.socket, children: dict[int, int], woken: int, wake: int) -> None:
     with selectors.DefaultSelector() as selector:
         selector.register(control, selectors.EVENT_READ)
         selector.register(woken, selectors.EVENT_READ)
         while True:
             ready = {key.fd for key, _ in selector.select()}
             if woken in ready:
-                os.read(woken, 4096)
+                if signal.SIGTERM in os.read(woken, 4096):
+                    return
                 _reap(children)
             if control.fileno() in ready:
                 request, handed, _, _ = socket.recv_fds(control, 1, 2)

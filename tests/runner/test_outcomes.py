@@ -1,0 +1,228 @@
+"""One row whatever happens: what misbehaving plugins become, and that their neighbours do not notice."""
+
+import os
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spoofbench import codec
+from spoofbench.detecting import detect
+from spoofbench.errors import PluginError, ResultsError, SuiteError
+from spoofbench.recording import Recording
+from spoofbench.results import Task, read_outcome, read_parquet, read_tasks, read_truth
+from spoofbench.runner import run
+from spoofbench.suite import AttackEntry, DetectorEntry, Limits, Suite
+
+MakeSuite = Callable[..., Suite]
+HOSTILE = ("raises", "sleeps", "eats", "exits", "segfaults", "garbage", "unimportable", "scribbles")
+
+
+def by_detector(folder: Path) -> dict[str, list[Task]]:
+    tasks: dict[str, list[Task]] = {}
+    for task in read_tasks(folder):
+        tasks.setdefault(task.detector, []).append(task)
+    return tasks
+
+
+def rows(folder: Path, detector: str) -> set[tuple[str, str | None]]:
+    return {(task.status, task.reason) for task in by_detector(folder)[detector]}
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
+    except OSError:
+        return False
+
+
+@pytest.fixture(scope="module")
+def hostile(make_suite: MakeSuite, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of a suite in which steady detectors stand between hostile ones."""
+    folder = tmp_path_factory.mktemp("hostile")
+    strays = DetectorEntry("strays", "strays", {"note": str(folder / "strays.txt")})
+    before, after = DetectorEntry("steady-first", "steady"), DetectorEntry("steady-last", "steady")
+    suite = make_suite([before, *HOSTILE, "prints", strays, after], limits=Limits(time_s=3.0, memory_mb=256))
+    run(suite, folder / "results", workers=2)
+    return folder / "results"
+
+
+def test_every_task_has_a_row_in_the_order_of_the_suite(hostile: Path) -> None:
+    tasks = read_tasks(hostile)
+    detectors = ["steady-first", *HOSTILE, "prints", "strays", "steady-last"]
+    assert [(task.attack, task.detector) for task in tasks] == [(attack, name) for attack in (None, "nudge") for name in detectors]
+    scores = read_parquet(hostile / "scores.parquet").to_pylist()
+    assert [row["task_id"] for row in scores] == [task.task_id for task in tasks]
+    for task in tasks:
+        outcome = read_outcome(hostile, task.task_id)
+        assert outcome is not None
+        assert (outcome.status, outcome.reason) == (task.status, task.reason)
+
+
+@pytest.mark.parametrize(
+    ("detector", "status", "reason"),
+    [
+        ("raises", "failed", r"RuntimeError: cannot open spoofbench_fakes\.py for topic '/gnss0/gnss/pvt'"),
+        ("sleeps", "timeout", r"it took longer than 3 s"),
+        ("eats", "out_of_memory", r"it needs more than 256 MB"),
+        ("exits", "failed", r"its process ended with exit status 3 before it had answered"),
+        ("segfaults", "failed", r"its process was ended by SIGSEGV"),
+        ("garbage", "failed", r"PluginError: a detector must return Decisions, not dict"),
+        (
+            "unimportable",
+            "failed",
+            r"PluginError: detector 'unimportable' of spoofbench-fakes 0\.1 cannot be loaded .*ModuleNotFoundError.*",
+        ),
+        ("scribbles", "failed", r"it disturbed the connection of its process"),
+    ],
+)
+def test_a_hostile_detector_becomes_rows(hostile: Path, detector: str, status: str, reason: str) -> None:
+    ((found, text),) = rows(hostile, detector)
+    assert found == status
+    assert re.fullmatch(reason, text or "")
+
+
+def test_neighbours_of_hostile_detectors_are_intact(hostile: Path, logs: Path, fakes: Path) -> None:
+    from spoofbench import plugins
+
+    expected = detect(plugins.make(plugins.DETECTORS, "steady"), codec.read(logs / "drive-1.mcap"))
+    for name in ("steady-first", "steady-last", "prints", "strays"):
+        assert rows(hostile, name) == {("ok", None)}
+        outcome = read_outcome(hostile, by_detector(hostile)[name][0].task_id)
+        assert outcome is not None
+        assert outcome.decisions is not None
+        np.testing.assert_array_equal(outcome.decisions.time_ns, expected.time_ns)
+        np.testing.assert_array_equal(outcome.decisions.score, expected.score)
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc")
+def test_what_a_detector_started_ends_with_it(hostile: Path) -> None:
+    pids = [int(line) for line in (hostile.parent / "strays.txt").read_text().split()]
+    assert pids
+    assert not any(alive(pid) for pid in pids)
+
+
+def test_costs_are_known_for_what_ran(hostile: Path) -> None:
+    costs = read_parquet(hostile / "costs.parquet").to_pylist()
+    tasks = read_tasks(hostile)
+    assert [row["task_id"] for row in costs] == [task.task_id for task in tasks]
+    assert all(row["seconds"] is not None for row, task in zip(costs, tasks, strict=True) if task.status == "ok")
+
+
+def test_a_group_that_fails_loses_the_culprit_alone(make_suite: MakeSuite, tmp_path: Path) -> None:
+    attacks = [AttackEntry(f"nudge-{shift}", "nudge", {"shift_deg": shift}) for shift in (0.5, 40.0, 1.0)]
+    run(make_suite(["picky"], attacks), tmp_path / "results", workers=1)
+    found = {task.attack: task.status for task in read_tasks(tmp_path / "results")}
+    assert found == {None: "ok", "nudge-0.5": "ok", "nudge-40.0": "failed", "nudge-1.0": "ok"}
+
+
+def test_an_attack_that_fails_costs_its_own_tasks(make_suite: MakeSuite, tmp_path: Path) -> None:
+    suite = make_suite(["steady"], ["nudge", "stumbles", "kills-itself", "inapplicable", AttackEntry("late", "replay", {"delay_s": 1e4})])
+    run(suite, tmp_path / "results")
+    found = {task.attack: (task.status, task.reason) for task in read_tasks(tmp_path / "results")}
+    assert found[None] == found["nudge"] == ("ok", None)
+    assert found["stumbles"][0] == "failed"
+    assert "ValueError: stumbled" in (found["stumbles"][1] or "")
+    assert found["kills-itself"] == ("failed", "making the variant: its process ended with exit status 4 before it had answered")
+    assert found["inapplicable"] == ("skipped", "there is nothing to replay")
+    assert found["late"][0] == "skipped"
+    scores = {row["attack"]: row for row in read_parquet(tmp_path / "results" / "scores.parquet").to_pylist()}
+    assert scores["stumbles"]["detection_pct"] is None, "without truth there is nothing to measure"
+
+
+def test_a_recording_that_cannot_be_read_costs_its_own_tasks(make_suite: MakeSuite, logs: Path, tmp_path: Path) -> None:
+    (tmp_path / "damaged.mcap").write_bytes((logs / "drive-1.mcap").read_bytes()[:5000])
+    recordings = {"gone": tmp_path / "none.mcap", "damaged": tmp_path / "damaged.mcap", "whole": logs / "drive-2.mcap"}
+    run(make_suite(["steady"], recordings=recordings), tmp_path / "results")
+    tasks = read_tasks(tmp_path / "results")
+    assert [(task.recording, task.status) for task in tasks] == [
+        *[("gone", "failed")] * 2,
+        *[("damaged", "failed")] * 2,
+        *[("whole", "ok")] * 2,
+    ]
+    assert len({task.task_id for task in tasks}) == 6
+    assert all(task.reason and "\n" not in task.reason and str(tmp_path) not in task.reason for task in tasks[:4])
+
+
+def test_what_is_not_there_is_skipped_and_what_is_removed_is_not_modelled(make_suite: MakeSuite, logs: Path, tmp_path: Path) -> None:
+    whole = codec.read(logs / "drive-1.mcap")
+    bare = Recording({topic: table for topic, table in whole.items() if "integrity" not in topic}, whole.metadata)
+    codec.write(bare, tmp_path / "bare.mcap")
+    suite = make_suite(["demanding"], recordings={"whole": logs / "drive-1.mcap", "bare": tmp_path / "bare.mcap"})
+    run(suite, tmp_path / "results")
+    found = {(task.recording, task.attack): task.status for task in read_tasks(tmp_path / "results")}
+    assert found == {
+        ("whole", None): "ok",
+        ("whole", "nudge"): "not_modelled",
+        ("bare", None): "skipped",
+        ("bare", "nudge"): "skipped",
+    }
+
+
+def test_attacks_of_one_seed_share_their_window_after_the_warm_up(make_suite: MakeSuite, logs: Path, tmp_path: Path) -> None:
+    attacks = [AttackEntry("nudge", "nudge"), AttackEntry("replay", "replay", {"delay_s": 30.0}), AttackEntry("drag-off", "drag-off")]
+    suite = make_suite(["steady"], attacks, seeds=(1, 2, 3), warm_up_s=15.0)
+    run(suite, tmp_path / "results")
+    span = codec.read(logs / "drive-1.mcap").span
+    windows: dict[int, set[tuple[int, int]]] = {}
+    for task in read_tasks(tmp_path / "results"):
+        if task.seed is not None and task.window_start_ns is not None and task.window_end_ns is not None:
+            windows.setdefault(task.seed, set()).add((task.window_start_ns, task.window_end_ns))
+            (truth,) = read_truth(tmp_path / "results", task.variant_id).intervals
+            assert task.window_start_ns <= truth.start_ns < truth.end_ns <= task.window_end_ns
+    assert sorted(windows) == [1, 2, 3]
+    assert all(len(window) == 1 for window in windows.values()), "all attacks of a seed share one window"
+    assert len({next(iter(window)) for window in windows.values()}) == 3, "seeds have windows of their own"
+    for ((start_ns, end_ns),) in windows.values():
+        assert start_ns >= span.start_ns + 30e9
+        assert end_ns <= span.end_ns
+        assert end_ns - start_ns == 20e9
+
+
+def test_a_rate_that_the_suite_leaves_open_is_its_target(make_suite: MakeSuite, tmp_path: Path) -> None:
+    own = DetectorEntry("own", "rated", {"rate_per_hour": 9.0})
+    run(make_suite(["rated", own, "steady"], []), tmp_path / "results")
+    parameters = {task.detector: task.parameters for task in read_tasks(tmp_path / "results")}
+    assert parameters == {
+        "rated": '{"rate_per_hour":3.5,"scale":0.1}',
+        "own": '{"rate_per_hour":9.0,"scale":0.1}',
+        "steady": '{"scale":0.1}',
+    }
+
+
+@pytest.mark.parametrize(
+    ("entry", "error", "words"),
+    [
+        (DetectorEntry("x", "staedy"), PluginError, "did you mean 'steady'"),
+        (DetectorEntry("x", "steady", {"skale": 1.0}), SuiteError, "no parameter 'skale'"),
+    ],
+)
+def test_a_mistake_in_the_suite_stops_the_run_at_once(
+    make_suite: MakeSuite, tmp_path: Path, entry: DetectorEntry, error: type[Exception], words: str
+) -> None:
+    with pytest.raises(error, match=words):
+        run(make_suite(["steady", entry]), tmp_path / "results")
+
+
+def test_results_are_not_overwritten(make_suite: MakeSuite, tmp_path: Path) -> None:
+    run(make_suite(["steady"], []), tmp_path / "results")
+    with pytest.raises(ResultsError, match="--resume"):
+        run(make_suite(["steady"], []), tmp_path / "results")
+    with pytest.raises(ResultsError, match="'fakes', not of 'others'"):
+        run(make_suite(["steady"], [], name="others"), tmp_path / "results", resume=True)
+
+
+def test_nothing_is_left_running_or_lying_about(make_suite: MakeSuite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    run(make_suite(["steady"], []), tmp_path / "results")
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+    assert not [path for path in (tmp_path / "results").rglob("*") if path.name.startswith(".")]
+    children = Path(f"/proc/self/task/{os.getpid()}/children")
+    if children.exists():
+        deadline = time.monotonic() + 10
+        while children.read_text().split() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert not children.read_text().split()
