@@ -8,7 +8,8 @@ import mmap
 import struct
 import threading
 import zlib
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -40,12 +41,14 @@ class Limits:
         chunk_bytes: decompressed size of one chunk.
         total_bytes: decompressed size of all chunks.
         messages: in the whole file.
+        records: at the top level of the file, messages aside.
         text_bytes: all records but messages, chunks and indexes: schemas, channels, metadata, statistics.
     """
 
     chunk_bytes: int = 128 << 20
     total_bytes: int = 16 << 30
     messages: int = 200_000_000
+    records: int = 2_000_000
     text_bytes: int = 64 << 20
 
 
@@ -99,7 +102,7 @@ def record_starts(buffer: NDArray[np.uint8], first: int, last: int) -> tuple[NDA
     """Walk from record to record: the offsets of those that end by ``last``, and where the last of them ends."""
     view = buffer.data
     runs: list[NDArray[np.int64]] = []
-    singles: list[int] = []
+    singles = array("q")
     at, before, equal = first, (0, 0), 0
     while at + RECORD.size <= last:
         head = RECORD.unpack_from(view, at)
@@ -113,9 +116,9 @@ def record_starts(buffer: NDArray[np.uint8], first: int, last: int) -> tuple[NDA
         if equal >= _REPEATS:
             size = RECORD.size + head[1]
             count = _repeats(buffer, at, last, head)
-            runs += [np.array(singles, np.int64), at + size * np.arange(count, dtype=np.int64)]
-            at, singles, equal = at + size * count, [], 0
-    return np.concatenate([*runs, np.array(singles, np.int64)]), at
+            runs += [np.frombuffer(singles, np.int64), at + size * np.arange(count, dtype=np.int64)]
+            at, singles, equal = at + size * count, array("q"), 0
+    return np.concatenate([*runs, np.frombuffer(singles, np.int64)]), at
 
 
 def _repeats(buffer: NDArray[np.uint8], at: int, last: int, head: tuple[int, int]) -> int:
@@ -140,6 +143,19 @@ def gather(buffer: NDArray[np.uint8], dtype: Any, starts: NDArray[np.int64]) -> 
         return np.empty(0, dtype)
     every: NDArray[Any] = np.ndarray(buffer.size - itemsize + 1, dtype, buffer.data, strides=(1,))
     return every[starts]
+
+
+def groups(values: NDArray[Any]) -> Iterator[tuple[int, NDArray[np.intp] | None]]:
+    """Part indices by value, each part ascending; None where all values are the same."""
+    if not values.size:
+        return
+    if np.all(values == values[0]):
+        yield int(values[0]), None
+        return
+    order = np.argsort(values, kind="stable")
+    in_order = values[order]
+    for rows in np.split(order, np.flatnonzero(in_order[1:] != in_order[:-1]) + 1):
+        yield int(values[rows[0]]), rows
 
 
 def messages_at(buffer: NDArray[np.uint8], starts: NDArray[np.int64], where: str) -> Messages:

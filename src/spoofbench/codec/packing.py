@@ -75,8 +75,6 @@ class TableRows:
     """The rows of a table, to be written to one channel."""
 
     def __init__(self, channel_id: int, table: Table) -> None:
-        if len(table) and table.time_ns[0] < 0:
-            raise RecordingError(f"a {table.kind.name} row is stamped {int(table.time_ns[0])!r} ns, before 1970, which MCAP cannot express")
         self.channel_id = channel_id
         self.times = table.time_ns
         self._columns = {name: table.column(name) for name in table}

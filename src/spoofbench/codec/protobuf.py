@@ -133,7 +133,7 @@ def _message_of(schema: Schema) -> Any | None:
         for name in list(files):
             _add(pool, files, name)
         return pool.FindMessageTypeByName(schema.name)
-    except (DecodeError, KeyError, TypeError, ValueError):
+    except (DecodeError, KeyError, TypeError, ValueError, RecursionError):
         return None
 
 

@@ -1,7 +1,7 @@
 """An MCAP file to a recording, topic by topic as they are used."""
 
 import os
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.codec.columns import Columns
-from spoofbench.codec.container import Limits, Messages, gather
+from spoofbench.codec.container import Limits, Messages, gather, groups
 from spoofbench.codec.packing import LOG_TIME
 from spoofbench.codec.protobuf import Reading, is_derived, reading_of
 from spoofbench.codec.survey import Survey, survey
@@ -99,22 +99,29 @@ def load(found: Survey, readings: Mapping[int, Reading], limits: Limits) -> Tabl
     columns = Columns(kind)
     decoders = {channel: Decoder(reading, columns.words) for channel, reading in readings.items()}
     sections = [section for section in found.sections if not section.channels.isdisjoint(readings)]
-    counts = dict.fromkeys(readings, 0)
+    counts: Counter[int] = Counter()
     place = 0
     for messages in ahead(found.messages, sections):
-        for channel, part in by_channel(messages, readings):
+        for channel, part in by_channel(messages):
+            if channel not in readings:
+                continue
             counts[channel] += part.starts.size
-            if sum(counts.values()) > limits.messages:
-                raise LimitError(f"{str(found.path)!r} holds more than the {limits.messages} messages that are allowed")
+            check_count(found, counts.total(), limits)
             values = decoders[channel].decode(part, repr(str(found.path)))
             columns.add(times_of(found, part), values, part.starts + place if len(readings) > 1 else None)
         place += messages.buffer.size
     if found.statistics is not None and not found.damage:
-        for channel, count in counts.items():
+        for channel in readings:
             declared = found.statistics.channel_message_counts.get(channel, 0)
-            if declared != count:
-                raise FormatError(f"{str(found.path)!r} declares {declared!r} messages of channel {channel!r} and holds {count}")
+            if declared != counts[channel]:
+                raise FormatError(f"{str(found.path)!r} declares {declared!r} messages of channel {channel!r} and holds {counts[channel]}")
     return columns.table()
+
+
+def check_count(found: Survey, messages: int, limits: Limits) -> None:
+    """Raise LimitError where these are more messages than the limits allow."""
+    if messages > limits.messages:
+        raise LimitError(f"{str(found.path)!r} holds more than the {limits.messages} messages that are allowed")
 
 
 def times_of(found: Survey, messages: Messages) -> NDArray[np.int64]:
@@ -131,14 +138,13 @@ def times_of(found: Survey, messages: Messages) -> NDArray[np.int64]:
     return times
 
 
-def by_channel(messages: Messages, channels: Iterable[int]) -> Iterator[tuple[int, Messages]]:
+def by_channel(messages: Messages) -> Iterator[tuple[int, Messages]]:
     """Part messages by channel, each part in file order."""
-    for channel in channels:
-        mine = messages.channels == channel
-        if mine.all() and mine.size:
+    for channel, rows in groups(messages.channels):
+        if rows is None:
             yield channel, messages
-        elif mine.any():
-            yield channel, Messages(messages.buffer, messages.starts[mine], messages.sizes[mine], messages.channels[mine])
+        else:
+            yield channel, Messages(messages.buffer, messages.starts[rows], messages.sizes[rows], messages.channels[rows])
 
 
 def ahead(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:

@@ -124,6 +124,8 @@ def _visit(found: Survey, starts: NDArray[np.int64], limits: Limits) -> None:
     buffer = found.buffer
     is_message = buffer[starts] == Opcode.MESSAGE
     loose, others = starts[is_message], starts[~is_message]
+    if others.size > limits.records:
+        raise LimitError(f"{str(found.path)!r} holds {others.size} records where at most {limits.records} are allowed")
     text_bytes = taken = 0
     for start in others.tolist():
         opcode, length = RECORD.unpack_from(buffer.data, start)

@@ -14,14 +14,15 @@ from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from spoofbench.codec.columns import Values
-from spoofbench.codec.container import Messages, gather
+from spoofbench.codec.container import Messages, gather, groups
 from spoofbench.codec.packing import MESSAGE
 from spoofbench.codec.protobuf import DELIMITED, FIXED32, FIXED64, VARINT, Reading, Wire
 from spoofbench.errors import FormatError
 from spoofbench.schema import Field
 
-_LAYOUTS = 8
-_FEW = 16
+_LAYOUTS = 8  # learned per stretch of messages and size
+_KNOWN = 64  # kept per size
+_FEW = 16  # rows that are decoded one by one sooner than their layout is learned
 _SIGNED = {FieldDescriptor.TYPE_INT64, FieldDescriptor.TYPE_SFIXED64}
 _NARROW = {FieldDescriptor.TYPE_INT32: np.int32, FieldDescriptor.TYPE_ENUM: np.int32, FieldDescriptor.TYPE_UINT32: np.uint32}
 _FIXED = {
@@ -115,8 +116,7 @@ class Decoder:
         """
         rows = messages.starts.size
         parts: list[tuple[NDArray[np.intp] | None, dict[str, Values]]] = []
-        for size in np.unique(messages.sizes).tolist():
-            which = None if messages.sizes[0] == size and np.all(messages.sizes == size) else np.flatnonzero(messages.sizes == size)
+        for size, which in groups(messages.sizes):
             block = _block(messages.buffer, messages.starts if which is None else messages.starts[which], size)
             parts += self._peel(block, which, where)
         if len(parts) == 1 and parts[0][0] is None:
@@ -129,9 +129,10 @@ class Decoder:
         """Decode equally long records ``(n, size)``: rows of one layout at a time, the rest one by one."""
         known = self._known.setdefault(block.shape[1], [])
         parts: list[tuple[NDArray[np.intp] | None, dict[str, Values]]] = []
-        for attempt in range(_LAYOUTS + len(known)):
-            if attempt >= len(known):
-                layout = _learn(block[0].tobytes(), self._wires) if attempt < _LAYOUTS and self._reading.is_plain else None
+        first_new = len(known)
+        for attempt in range(min(first_new + _LAYOUTS, _KNOWN)):
+            if attempt == len(known):
+                layout = _learn(block[0].tobytes(), self._wires) if self._reading.is_plain else None
                 if layout is None:
                     break
                 known.append(layout)
@@ -143,7 +144,7 @@ class Decoder:
                 which = np.arange(len(block)) if which is None else which
                 parts.append((which[fit], self._values(block[fit], layout)))
                 block, which = block[~fit], which[~fit]
-            if len(block) < _FEW and attempt + 1 >= len(known):
+            if len(block) < _FEW and attempt + 1 >= first_new:
                 break
         return [*parts, (which, self._one_by_one(block, where))]
 

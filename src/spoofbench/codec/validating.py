@@ -13,7 +13,7 @@ from mcap.records import Attachment, AttachmentIndex, ChunkIndex, Footer, Header
 from spoofbench.codec.columns import decoded
 from spoofbench.codec.container import RECORD, Contents, Limits, Messages, parse
 from spoofbench.codec.packing import INDEX_ENTRY
-from spoofbench.codec.reading import ahead, by_channel, readings_of, times_of
+from spoofbench.codec.reading import ahead, by_channel, check_count, readings_of, times_of
 from spoofbench.codec.survey import ChunkSection, LooseSection, Section, Survey, check_data_section, learn_definitions, survey
 from spoofbench.codec.unpacking import Decoder
 from spoofbench.errors import FormatError
@@ -48,7 +48,7 @@ def validate(path: Path, limits: Limits = Limits()) -> None:  # noqa: B008
         raise FormatError(f"{str(path)!r} is cut off: {found.damage['truncated']}")
     _check_order(found)
     check_data_section(found)
-    counts, span = _check_messages(found)
+    counts, span = _check_messages(found, limits)
     _check_statistics(found, counts, span)
     _check_indexes(found)
 
@@ -81,7 +81,7 @@ def _check_order(found: Survey) -> None:
             raise _wrong(found, int(section.starts[-1]), "a message stands after the data section")
 
 
-def _check_messages(found: Survey) -> tuple[Counter[int], tuple[int, int] | None]:
+def _check_messages(found: Survey, limits: Limits) -> tuple[Counter[int], tuple[int, int] | None]:
     """Check every message: the number of each channel's, and the first and last time, None where there is none."""
     decoders: dict[int, Decoder] = {}
     words: list[tuple[Any, dict[bytes, int]]] = []
@@ -104,10 +104,11 @@ def _check_messages(found: Survey) -> tuple[Counter[int], tuple[int, int] | None
         times = times_of(found, messages)
         if times.size:
             spans.append((int(times.min()), int(times.max())))
-        for channel, part in by_channel(messages, np.unique(messages.channels).tolist()):
+        for channel, part in by_channel(messages):
             if channel not in found.channels:
                 raise FormatError(f"{str(found.path)!r} has messages of channel {channel!r}, which it does not define")
             counts[channel] += part.starts.size
+            check_count(found, counts.total(), limits)
             if channel in decoders:
                 decoders[channel].decode(part, repr(str(found.path)))
     for field, own_words in words:

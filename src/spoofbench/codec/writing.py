@@ -127,13 +127,14 @@ class Writer:
         source, kind = split_topic(topic)
         if table.kind.name != kind:
             raise RecordingError(f"topic {topic!r} cannot take rows of kind {table.kind.name!r}")
-        channel = self._channel(topic, table.kind.message)
         if len(table):
-            if table.time_ns[0] < self._last_ns.get(topic, 0):
-                raise RecordingError(
-                    f"rows of {topic!r} run back in time, from {self._last_ns.get(topic, 0)} to {int(table.time_ns[0])} ns"
-                )
+            first, last = int(table.time_ns[0]), self._last_ns.get(topic, 0)
+            if first < 0:
+                raise RecordingError(f"a row of {topic!r} is stamped {first!r} ns, before 1970, which MCAP cannot express")
+            if first < last:
+                raise RecordingError(f"rows of {topic!r} run back in time, from {last!r} to {first!r} ns")
             self._last_ns[topic] = int(table.time_ns[-1])
+        channel = self._channel(topic, table.kind.message)
         rows: list[Rows] = [TableRows(channel, table)]
         if kind == "gnss/pvt":
             from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
