@@ -56,25 +56,29 @@ def with_motion(pvt: Table, moved: Motion) -> Table:
     """
     was = motion_of(pvt)
     shift = np.nan_to_num(moved.position - was.position)
-    velocity = _velocity(pvt)
-    gain = np.nan_to_num(moved.rate * metres_per_unit(was.position + shift) - was.rate * metres_per_unit(was.position))
-    north, east, down = np.where(gain != 0, velocity + gain, velocity).T
+    here = np.column_stack([_filled(axis) for axis in was.position.T])
+    gain = np.nan_to_num(moved.rate * metres_per_unit(here + shift) - was.rate * metres_per_unit(here))
+    north, east, _ = (_velocity(pvt) + gain).T
     turned = (gain[:, 0] != 0) | (gain[:, 1] != 0)
-    speed = np.hypot(north, east)
-    course = np.where(speed > 0, np.degrees(np.arctan2(east, north)) % 360, pvt["course_deg"])
-    longitude = pvt["lon_deg"] + np.degrees(shift[:, 1])
+    course = np.where((north != 0) | (east != 0), np.degrees(np.arctan2(east, north)) % 360, pvt["course_deg"])
+    longitude = _plus(pvt["lon_deg"], np.degrees(shift[:, 1]))
     columns = {
-        "lat_deg": pvt["lat_deg"] + np.degrees(shift[:, 0]),
+        "lat_deg": _plus(pvt["lat_deg"], np.degrees(shift[:, 0])),
         "lon_deg": np.where(np.abs(longitude) > 180, (longitude + 180) % 360 - 180, longitude),
-        "height_m": pvt["height_m"] + shift[:, 2],
-        "height_msl_m": pvt["height_msl_m"] + shift[:, 2],
-        "vel_n_mps": np.where(pvt.valid("vel_n_mps"), north, np.nan),
-        "vel_e_mps": np.where(pvt.valid("vel_e_mps"), east, np.nan),
-        "vel_d_mps": down,
-        "speed_mps": np.where(turned & pvt.valid("speed_mps"), speed, pvt["speed_mps"]),
+        "height_m": _plus(pvt["height_m"], shift[:, 2]),
+        "height_msl_m": _plus(pvt["height_msl_m"], shift[:, 2]),
+        "vel_n_mps": _plus(pvt["vel_n_mps"], gain[:, 0]),
+        "vel_e_mps": _plus(pvt["vel_e_mps"], gain[:, 1]),
+        "vel_d_mps": _plus(pvt["vel_d_mps"], gain[:, 2]),
+        "speed_mps": np.where(turned & pvt.valid("speed_mps"), np.hypot(north, east), pvt["speed_mps"]),
         "course_deg": np.where(turned & pvt.valid("course_deg"), course, pvt["course_deg"]),
     }
     return pvt.replace(**{name: values for name, values in columns.items() if name in pvt})
+
+
+def _plus(values: Floats, change: Floats) -> Floats:
+    """The sum, bit for bit the values where there is no change (a zero keeps its sign)."""
+    return np.where(change != 0, values + change, values)
 
 
 def _velocity(pvt: Table) -> Floats:
