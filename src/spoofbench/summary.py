@@ -113,7 +113,7 @@ def as_text(summary: Summary) -> str:
     if summary.start_ns is not None and summary.duration_s is not None:
         start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=summary.start_ns // 1000)
         when = f"{_minutes(summary.duration_s)} from {start:%Y-%m-%d %H:%M:%S} UTC, clock {summary.clock or 'unknown'}"
-    lines = [summary.file, f"  {when}", *_topic_lines(summary.topics)]
+    lines = [_printable(summary.file), f"  {when}", *_topic_lines(summary.topics)]
     if summary.motion:
         lines += ["", _pair("motion", _motion_text(summary.motion))]
     if summary.attacks:
@@ -122,8 +122,8 @@ def as_text(summary: Summary) -> str:
         if name not in ("recording", "primary"):
             lines += ["", name, *(_pair(f"  {key}", value) for key, value in record.items())]
     if summary.ledger:
-        lines += ["", "ledger", *(f"  {line}" for line in summary.ledger.as_text().splitlines() if " rows " not in line)]
-    return "\n".join(lines)
+        lines += ["", "ledger", *_wrapped(summary.ledger)]
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def _topic(recording: Recording, topic: str) -> TopicSummary:
@@ -204,10 +204,17 @@ def _motion_text(motion: Motion) -> str:
 
 
 def _pair(name: str, value: str) -> str:
-    """Return one entry, wrapped; a log's own words reach the terminal without control characters."""
-    indent = " " * 22
-    shown = "".join(character if character.isprintable() else "?" for character in value)
-    return textwrap.fill(shown, WIDTH, initial_indent=f"{name + '  ':<22}", subsequent_indent=indent)
+    return textwrap.fill(_printable(value), WIDTH, initial_indent=f"{name + '  ':<22}", subsequent_indent=" " * 22)
+
+
+def _wrapped(ledger: Ledger) -> list[str]:
+    lines = [line for line in ledger.as_text().splitlines() if " rows " not in line]
+    return [textwrap.fill(_printable(line), WIDTH, initial_indent="  ", subsequent_indent=" " * 24) for line in lines]
+
+
+def _printable(text: str) -> str:
+    """Return a log's own words without characters that a terminal would obey."""
+    return "".join(character if character.isprintable() else "?" for character in text)
 
 
 def _minutes(duration_s: float) -> str:
