@@ -1,13 +1,19 @@
 """The page as a file: whole, alone, the same every time, and closed to what the data bring."""
 
+import base64
 import json
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 
+from spoofbench.detecting import Decisions
 from spoofbench.report import markdown, write_site
-from spoofbench.results import read_tasks, read_truth
+from spoofbench.report.traces import STEPS
+from spoofbench.results import Outcome, read_tasks, read_truth, write_outcome, write_tasks
+from spoofbench.scoring.folder import score_folder
 
 
 class Page(HTMLParser):
@@ -110,3 +116,37 @@ def test_a_page_of_240_runs_of_2602_epochs_is_below_10_megabytes(make, tmp_path)
     assert path.stat().st_size < 10_000_000
     runs = Page(path.read_text(encoding="utf-8")).data()["runs"]
     assert {run["trace"]["rows"] for run in runs} == {2602}
+
+
+def test_many_decisions_are_thinned_and_no_alert_vanishes(make, tmp_path):
+    folder = make(tmp_path / "results", ["fast"], [])
+    task = read_tasks(folder)[0]
+    truth = read_truth(folder, task.variant_id)
+    time_ns = np.arange(truth.time_ns[0], truth.time_ns[-1], 500_000)
+    score = np.where(np.arange(time_ns.size) == 777_777, 1.5, 0.1)
+    write_outcome(folder, task.task_id, Outcome("ok", None, Decisions(time_ns, score, score > 0)))
+    score_folder(folder)
+    path = write_site(folder, tmp_path / "site")
+    assert path.stat().st_size < 10_000_000
+    data = Page(path.read_text(encoding="utf-8")).data()
+    trace = data["runs"][0]["trace"]
+    time_ms, steps = (
+        np.frombuffer(base64.b64decode(data["arrays"][trace[name]]), kind) for name, kind in (("time", "<i4"), ("score", "<i2"))
+    )
+    assert trace["rows"] == time_ns.size > time_ms.size == steps.size
+    assert time_ms[steps > STEPS].tolist() == [777_777 // 2 + 1]
+
+
+def test_a_variant_that_could_not_be_made_is_shown_without_track(folder, tmp_path):
+    copy = shutil.copytree(folder, tmp_path / "results")
+    tasks = read_tasks(copy)
+    lost = {task.variant_id for task in tasks if task.attack == "replay"}
+    for variant in lost:
+        (copy / "truth" / f"{variant}.parquet").unlink()
+    tasks = [replace(task, status="skipped", reason="no donor") if task.variant_id in lost else task for task in tasks]
+    write_tasks(copy, tasks)
+    score_folder(copy)
+    data = page_of(copy, tmp_path / "site").data()
+    shown = [run for run in data["runs"] if run["status"] == "skipped"]
+    assert len(shown) == 9
+    assert all(run["trace"] is None and data["arrays"][data["variants"][run["variant"]]["epochs"]] == "" for run in shown)

@@ -22,10 +22,10 @@ def cells(line):
     return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
 
 
-@pytest.mark.parametrize("width", [80, 200])
+@pytest.mark.parametrize("width", [60, 80, 200])
 def test_the_terminal_shows_at_most_80_columns_and_cuts_nothing_off(folder, width):
     text = terminal(folder, width)
-    assert max(map(len, text.splitlines())) <= 80
+    assert max(map(len, text.splitlines())) <= min(width, 80)
     assert "\N{HORIZONTAL ELLIPSIS}" not in text
     assert text.count("n") >= 2 * 64
     for row in leaderboard(folder).rows:

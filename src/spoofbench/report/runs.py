@@ -1,7 +1,7 @@
 """What the page carries of each run: its labels, figures, decisions and the track it was on."""
 
+import json
 from collections.abc import Iterable, Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +16,14 @@ CLEAN = "none (clean)"
 """What the page calls the attack of an unattacked task."""
 
 _DECISION_BYTES = 6_000_000
-_BYTES_PER_ROW = 8
-"""A decision in base64: 4 bytes of time and 2 of score, thirds added."""
+"""What the decisions of all runs may take, each an equal part; a run that needs more is thinned."""
+
+_TIMED_BYTES, _UNTIMED_BYTES = 8, 8 / 3
+"""A decision in base64, with a time of its own (4 + 2 bytes) and at the variant's epochs (2 bytes)."""
 
 
-def payload(folder: Path) -> dict[str, Any]:
-    """Return the page's data for the whole folder, ready for JSON.
+def payload(folder: Path, best: str) -> dict[str, Any]:
+    """Return the page's data for the whole folder, ready for JSON; the page opens with the ``best`` detector under attack.
 
     Raises:
         ResultsError: the folder lacks a file or a file is damaged.
@@ -35,14 +37,14 @@ def payload(folder: Path) -> dict[str, Any]:
     for task in tasks:
         of_variant.setdefault(task.variant_id, task)
     place = {name: i for i, name in enumerate(of_variant)}
-    limit = max(200, _DECISION_BYTES // (_BYTES_PER_ROW * max(len(tasks), 1)))
+    room = _DECISION_BYTES / max(len(tasks), 1)
     return {
         "steps": STEPS,
         "variants": [_variant(task, truths.get(name), planes.get(task.recording), pool) for name, task in of_variant.items()],
         "runs": [
-            _run(task, place[task.variant_id], scores.get(task.task_id, {}), _trace(folder, task, truths, pool, limit)) for task in tasks
+            _run(task, place[task.variant_id], scores.get(task.task_id, {}), _trace(folder, task, truths, pool, room)) for task in tasks
         ],
-        "first": next((i for i, task in enumerate(tasks) if task.attack and task.status == "ok"), 0),
+        "first": next((i for i, task in enumerate(tasks) if task.attack and task.detector == best), 0),
         "arrays": pool.items,
     }
 
@@ -89,21 +91,23 @@ def _variant(task: Task, truth: Truth | None, plane: Plane | None, pool: Pool) -
         "clean": pool.add(plane.east_north_dm(truth.clean_lat_deg, truth.clean_lon_deg), "<i4"),
         "attacked": attacked,
         "intervals": [interval_s(interval, start_ns) for interval in truth.intervals],
-        "start": datetime.fromtimestamp(start_ns // 1_000_000_000, UTC).strftime("%Y-%m-%d %H:%M:%S UTC"),
+        "start": str(np.datetime64(start_ns, "ns").astype("datetime64[s]")).replace("T", " "),
     }
 
 
-def _trace(folder: Path, task: Task, truths: Mapping[str, Truth], pool: Pool, limit: int) -> dict[str, int] | None:
+def _trace(folder: Path, task: Task, truths: Mapping[str, Truth], pool: Pool, room: float) -> dict[str, int] | None:
     outcome = read_outcome(folder, task.task_id)
     truth = truths.get(task.variant_id)
     if outcome is None or outcome.decisions is None or truth is None or not truth.time_ns.size:
         return None
     decisions = outcome.decisions
-    rows = thinned(decisions, limit)
+    shared = np.array_equal(decisions.time_ns, truth.time_ns)
+    n = decisions.time_ns.size
+    rows = np.arange(n) if shared and n * _UNTIMED_BYTES <= room else thinned(decisions, max(200, int(room / _TIMED_BYTES)))
     return {
         "time": pool.add(milliseconds(decisions.time_ns[rows], int(truth.time_ns[0])), "<i4"),
         "score": pool.add(pack_scores(decisions.score[rows], decisions.available[rows]), "<i2"),
-        "rows": decisions.time_ns.size,
+        "rows": n,
     }
 
 
@@ -134,15 +138,28 @@ def _facts(task: Task, scores: Mapping[str, Any]) -> list[tuple[str, str]]:
             ("Detection where available", _pct(scores.get("detection_pct_available"))),
             ("Time to first detection", _unit(seconds(scores.get("ttfd_s")), "s")),
             ("Position error at detection", _unit(rate(scores.get("position_error_at_detection_m")), "m")),
-            ("Attack parameters", task.attack_parameters or NONE),
+            ("Attack parameters", _parameters(task.attack_parameters)),
         ]
     return [
         *figures,
         ("Availability", _pct(scores.get("availability"), 100)),
-        ("Detector parameters", task.parameters),
+        ("Detector parameters", _parameters(task.parameters)),
         ("Plugin", f"{task.plugin} from {task.plugin_distribution} {task.plugin_version}"),
         ("Task", task.task_id),
     ]
+
+
+def _parameters(text: str | None) -> str:
+    """Return ``delay_s = 60.0, ...`` of a JSON object, other text as it is."""
+    if text is None:
+        return NONE
+    try:
+        values = json.loads(text)
+    except ValueError:
+        return text
+    if not isinstance(values, dict):
+        return text
+    return ", ".join(f"{name} = {json.dumps(value)}" for name, value in values.items()) or NONE
 
 
 def _pct(value: float | None, scale: float = 1.0) -> str:

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from spoofbench.report.md import as_markdown
 from spoofbench.report.runs import payload
 from spoofbench.report.tables import Board, basis, exceeds_target, read_board
-from spoofbench.report.views import COLUMNS, figures, flat, shades
+from spoofbench.report.views import COLUMNS, figures, shades, versions
 from spoofbench.results import read_run
 
 _STYLES = ("uplot/uPlot.min.css", "page.css")
@@ -26,7 +26,7 @@ def write(folder: Path, site: Path) -> Path:
     texts = {
         "leaderboard.md": as_markdown(board),
         "leaderboard.json": json.dumps(asdict(board.ranking) | {"clean_h": board.extent.clean_h}, indent=1, allow_nan=False) + "\n",
-        "index.html": _page(board, run, payload(folder)),
+        "index.html": _page(board, run, payload(folder, board.ranking.rows[0].detector)),
     }
     site.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
@@ -54,7 +54,8 @@ def _page(board: Board, run: Mapping[str, Any], data: Mapping[str, Any]) -> str:
         rows=[(row, exceeds_target(row), figures(row, board)) for row in board.ranking.rows],
         attacks=board.ranking.attacks,
         heat=[(row.detector, shades(row.detector, board)) for row in board.ranking.rows],
-        versions=flat(run),
+        versions=versions(run),
+        run=json.dumps(run, indent=1, sort_keys=True),
         data=data,
         styles=inline(_STYLES),
         scripts=inline(_SCRIPTS),

@@ -6,7 +6,7 @@ from typing import Any, Literal
 from urllib.parse import urlencode
 
 from spoofbench.report.runs import labels
-from spoofbench.report.tables import Board, cell_text, detection_interval, far_interval, share, time_to_detection
+from spoofbench.report.tables import Board, cell_text, detection_interval, exceeds_target, far_interval, share, time_to_detection
 from spoofbench.report.text import NONE, between, percent, rate
 from spoofbench.results import FAILURES
 from spoofbench.scoring.ranking import Cell, Row
@@ -49,8 +49,8 @@ def figures(row: Row, board: Board) -> list[Figure]:
     missed = between(share(row.p_md_lo), share(row.p_md_hi))
     return [
         _figure(NONE if row.rank is None else str(row.rank), row.rank),
-        Figure(row.detector, "chance" if row.baseline else "", row.detector),
-        _figure(rate(row.far_per_hour), row.far_per_hour, far_interval(row)),
+        Figure(row.detector, "baseline" if row.baseline else "", row.detector),
+        _figure(rate(row.far_per_hour), row.far_per_hour, far_interval(row) + ("*" if exceeds_target(row) else "")),
         _figure(percent(row.detection_pct), row.detection_pct, detection_interval(row)),
         _figure(share(row.p_md), row.p_md, missed),
         _detection_time(row.ttfd_median_s, row, board),
@@ -72,10 +72,9 @@ def _detection_time(value_s: float | None, row: Row, board: Board) -> Figure:
 
 @dataclass(frozen=True, slots=True)
 class Shade:
-    """One cell of the table by attack: its tone is ``low``, ``high`` (dark ground, light text) or ``null``."""
+    """One cell of the table by attack: text, its share of full colour in percent, where it leads, what it says in words."""
 
     text: str
-    tone: Literal["low", "high", "null"]
     share: float | None
     link: str
     label: str
@@ -94,7 +93,6 @@ def _shade(detector: str, attack: str, cell: Cell | None, board: Board) -> Shade
     best = next((task for task in runs if task.status == "ok" or task.status in FAILURES), runs[0] if runs else None)
     return Shade(
         text=text,
-        tone="null" if pct is None else "high" if pct > 55 else "low",
         share=None if pct is None else round(pct, 1),
         link="" if best is None else urlencode(labels(best)),
         label=f"{detector} on {attack}: {text if pct is None else f'{text} %'}{f', {note}' if note else ''}",
@@ -108,12 +106,11 @@ def _note(cell: Cell) -> str:
     return ", ".join(f"{n} {name}" for name, n in counts.items() if n)
 
 
-def flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Return nested values as name and text, names joined by dots, in the order of names."""
-    facts: list[tuple[str, str]] = []
-    for name, value in sorted(values.items()):
-        if isinstance(value, Mapping):
-            facts += flat(value, f"{prefix}{name}.")
-        else:
-            facts.append((f"{prefix}{name}", ", ".join(map(str, value)) if isinstance(value, list) else str(value)))
-    return facts
+def versions(run: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return what a run's results rest on: versions, machine and digests of the inputs, as name and text."""
+    groups = [(group, run[group]) for group in ("versions", "machine", "inputs") if isinstance(run.get(group), Mapping)]
+    return [
+        (name if group == "versions" else f"{group}: {name}", str(value))
+        for group, facts in groups
+        for name, value in sorted(facts.items())
+    ]

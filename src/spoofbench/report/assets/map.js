@@ -46,12 +46,12 @@ function grid(svg, { pixel, metres }, width, height, margin) {
   for (let east = Math.ceil(w / step) * step; east <= e; east += step) {
     const x = pixel([east, 0])[0];
     shape(svg, "line", { x1: x, x2: x, y1: margin.top, y2: height - margin.bottom, class: "grid" });
-    shape(svg, "text", { x, y: height - margin.bottom + 16, "text-anchor": "middle" }, METRES.format(east));
+    shape(svg, "text", { x, y: height - margin.bottom + 16, "text-anchor": "middle" }, METRES.format(Math.round(east) || 0));
   }
   for (let north = Math.ceil(s / step) * step; north <= n; north += step) {
     const y = pixel([0, north])[1];
     shape(svg, "line", { x1: margin.left, x2: width - margin.right, y1: y, y2: y, class: "grid" });
-    shape(svg, "text", { x: margin.left - 6, y: y + 4, "text-anchor": "end" }, METRES.format(north));
+    shape(svg, "text", { x: margin.left - 6, y: y + 4, "text-anchor": "end" }, METRES.format(Math.round(north) || 0));
   }
   shape(svg, "text", { x: (margin.left + width - margin.right) / 2, y: height - 4, "text-anchor": "middle" }, "east of the start, m");
   const up = [12, (margin.top + height - margin.bottom) / 2];
@@ -67,7 +67,7 @@ function drawMap(place, run, variant) {
   const svg = shape(place, "svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "img", "aria-label": "Map of the clean and the spoofed track" });
   const all = [...clean, ...attacked.flat()].filter(Boolean);
   if (!all.length) {
-    place.replaceChildren("The recording has no positions.");
+    place.replaceChildren(time.length ? "There are no positions to draw." : "This variant was not made.");
     return () => {};
   }
   const view = projection(all, width, height, margin);
@@ -80,13 +80,14 @@ function drawMap(place, run, variant) {
     for (const i of spots) {
       if (i < 0 || !said[i]) continue;
       const [x, y] = view.pixel(said[i]);
-      shape(svg, "circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 2.5, class: "alert-spot" });
+      shape(svg, "circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 2, class: "alert-spot" });
     }
   }
   const start = clean.find(Boolean);
   const [x, y] = view.pixel(start);
   shape(svg, "path", { d: `M${x - 6} ${y + 5}L${x + 6} ${y + 5}L${x} ${y - 7}Z`, class: "start-mark" });
-  shape(svg, "text", { x: x + 9, y: y - 7, class: "start-text" }, "start");
+  const side = x > width - 60 ? -1 : 1;
+  shape(svg, "text", { x: x + 9 * side, y: y - 7, "text-anchor": side < 0 ? "end" : "start", class: "start-text" }, "start");
   const truly = shape(svg, "circle", { r: 6, class: "truly", visibility: "hidden" });
   const saidMark = shape(svg, "circle", { r: 6, class: "said", visibility: "hidden" });
   const put = (mark, point) => {

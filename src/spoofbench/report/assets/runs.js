@@ -124,6 +124,9 @@ if (DATA.runs.length) {
     stepCursor(plot, step);
   });
   window.addEventListener("hashchange", fromAddress);
+  document.addEventListener("click", event => {
+    if (event.target.closest(".heat a")?.getAttribute("href") === location.hash) fromAddress();
+  });
   if (!fromAddress()) show(DATA.runs[DATA.first], false);
   let width = byId("timeline").clientWidth;
   new ResizeObserver(() => {

@@ -93,7 +93,7 @@ function drawTimeline(place, run, variant, look) {
     padding: [12, 22, 0, 0],
     scales: { x: { time: false }, y: { range: [low - 0.06 * (high - low), high + 0.06 * (high - low)] } },
     axes: [
-      axis({ label: "seconds from the start of the recording", labelSize: 18, labelGap: 0, size: 34, labelFont: "12px system-ui, sans-serif", space: 64 }),
+      axis({ label: `seconds from the start, ${variant.start} UTC`, labelSize: 18, labelGap: 0, size: 34, labelFont: "12px system-ui, sans-serif", space: 64 }),
       axis({ label: "score / threshold", labelSize: 22, labelFont: "12px system-ui, sans-serif", size: 46, splits: scoreTicks, values: (u, ticks) => ticks.map(tickText) }),
     ],
     series: [
