@@ -99,7 +99,7 @@ def test_sensed_force_against_a_loop(seed: int, rate_hz: float, lag_s: float) ->
     force[rng.random(300) < 0.05] = np.nan
     time_s[150:] += 0.6
     edges = np.arange(0, time_s[-1] + 1, 0.5) - lag_s
-    got = m.sensed_force(imu(time_s, force), "frd", "up", edges, 0)
+    got = m.sensed_force(imu(time_s, force), "frd", "up", np.round(edges * 1e9).astype(np.int64))
     kept = ~np.isnan(force)
     t, f = time_s[kept], -force[kept]
 
@@ -123,7 +123,7 @@ def test_sensed_force_against_a_loop(seed: int, rate_hz: float, lag_s: float) ->
 def test_the_interval_is_open_at_its_start_and_closed_at_its_end() -> None:
     time_s = np.arange(1, 41) * 0.1
     force = np.where(np.round(time_s, 3) <= 2.0, -9.0, -11.0)
-    got = m.sensed_force(imu(time_s, force), "frd", "up", np.array([1.0, 2.0, 3.0]), 0)
+    got = m.sensed_force(imu(time_s, force), "frd", "up", np.array([1, 2, 3]) * 1_000_000_000)
     np.testing.assert_allclose(got, [np.nan, 9.0, 11.0], rtol=1e-12)
 
 

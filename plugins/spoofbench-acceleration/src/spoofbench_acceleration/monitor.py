@@ -157,8 +157,8 @@ class AccelerationMonitor:
         time_s = _seconds(pvt.time_ns)
         track = self._track(pvt, time_s)
         expected = specific_force(track, self._attitude(track), axis, self.gravity_mps2)
-        origin_ns = int(pvt.time_ns[0]) if len(pvt) else 0
-        return Comparison(pvt.time_ns, sensed_force(imu, axes, axis, time_s - self.lag_s, origin_ns), expected)
+        sensed = sensed_force(imu, axes, axis, pvt.time_ns - round(self.lag_s * 1e9))
+        return Comparison(pvt.time_ns, sensed, expected)
 
     def _attitude(self, track: Track) -> tuple[Floats, Floats, Floats]:
         level = np.zeros(len(track.velocity_mps))

@@ -112,7 +112,7 @@ def specific_force(track: Track, attitude_rad: tuple[Floats, Floats, Floats], ax
     return up
 
 
-def sensed_force(imu: Table, axes: str, axis: str, edges_s: Floats, origin_ns: int) -> Floats:
+def sensed_force(imu: Table, axes: str, axis: str, edges_ns: NDArray[np.int64]) -> Floats:
     """Mean specific force of the IMU along an axis over each interval between two edges; m/s^2, ``(n,)``.
 
     The increments are summed; from the last sample to the edge that sample is held, since the next one may lie in the
@@ -122,28 +122,29 @@ def sensed_force(imu: Table, axes: str, axis: str, edges_s: Floats, origin_ns: i
         imu: rows of the IMU.
         axes: what x, y, z point to, such as ``frd``.
         axis: ``forward`` or ``up``.
-        edges_s: ends of the intervals, increasing, seconds after ``origin_ns``.
-        origin_ns: time of second 0.
+        edges_ns: ends of the intervals on the recording's clock, increasing.
 
     Raises:
         RecordingError: ``axes`` does not say which axis it is.
     """
     column, sign = sensor_axis(axes, axis)
-    values = imu[column]
-    usable = ~np.isnan(values)
-    time_s, force = (imu.time_ns[usable] - origin_ns) * 1e-9, sign * values[usable]
-    mean = np.full(edges_s.size, np.nan)
-    if time_s.size < 2:
+    time_ns, force = imu.time_ns, imu[column]
+    usable = ~np.isnan(force)
+    if not usable.all():
+        time_ns, force = time_ns[usable], force[usable]
+    mean = np.full(edges_ns.size, np.nan)
+    if time_ns.size < 2:
         return mean
-    steps = np.diff(time_s, prepend=time_s[0])
-    impulse = np.cumsum(force * steps)
-    silence = np.cumsum(steps > _IMU_SILENCE_S)
-    last = np.searchsorted(time_s, edges_s, "right") - 1
-    since = edges_s - time_s[last]
-    at_edge = impulse[last] + force[last] * since
-    at_edge[(last < 0) | (since > _IMU_SILENCE_S)] = np.nan
-    mean[1:] = np.diff(at_edge) / np.diff(edges_s)
-    mean[1:][np.diff(silence[last]) > 0] = np.nan
+    steps_s = np.diff(time_ns) * 1e-9
+    impulse = np.zeros(time_ns.size)
+    np.cumsum(force[1:] * steps_s, out=impulse[1:])
+    last = np.searchsorted(time_ns, edges_ns, "right") - 1
+    since_s = (edges_ns - time_ns[last]) * 1e-9
+    at_edge = impulse[last] + force[last] * since_s
+    at_edge[(last < 0) | (since_s > _IMU_SILENCE_S)] = np.nan
+    silences = np.searchsorted(np.flatnonzero(steps_s > _IMU_SILENCE_S) + 1, last, "right")
+    mean[1:] = sign * np.diff(at_edge) / (np.diff(edges_ns) * 1e-9)
+    mean[1:][np.diff(silences) > 0] = np.nan
     return mean
 
 

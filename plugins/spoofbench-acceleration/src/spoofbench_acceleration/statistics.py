@@ -17,15 +17,15 @@ _INTERVALS = 9
 _BLOCK = 1_000_000
 
 
-def weight(step_s: float, averaging_s: float, averaging: Averaging) -> float:
-    """Weight of a new sample in the exponential average over T seconds.
+def weights(steps_s: Floats, averaging_s: float, averaging: Averaging) -> Floats:
+    """Weights of new samples in the exponential average over T seconds; same shape as the steps between samples.
 
     The paper does not say what its 5 s are: of a span, 2 / (T / dt + 1), they turn its static 1.198 m/s^2 into
     0.028 as printed; as a time constant, 1 - exp(-dt / T), they suit its accelerometer better.
     """
     if averaging == "span":
-        return 2 / (averaging_s / step_s + 1) if step_s < averaging_s else 1.0
-    return float(-np.expm1(-step_s / averaging_s))
+        return 2 / (averaging_s / steps_s + 1)
+    return -np.expm1(-steps_s / averaging_s)
 
 
 def exponential_average(time_s: Floats, values: Floats, averaging_s: float, averaging: Averaging) -> tuple[Floats, NDArray[np.int64]]:
@@ -38,17 +38,18 @@ def exponential_average(time_s: Floats, values: Floats, averaging_s: float, aver
         time_s: ``(n,)``, increasing.
         values: ``(n,)``.
         averaging_s: T.
-        averaging: what T means, see :func:`weight`.
+        averaging: what T means, see :func:`weights`.
     """
     average, runs = np.full(values.size, np.nan), np.zeros(values.size, np.int64)
     rows = np.flatnonzero(~np.isnan(values))
-    state, run, last = 0.0, 0, -np.inf
-    for row, now, value in zip(rows.tolist(), time_s[rows].tolist(), values[rows].tolist(), strict=True):
-        if now - last > averaging_s:
-            state, run = value, run + 1
-        else:
-            state += weight(now - last, averaging_s, averaging) * (value - state)
-        average[row], runs[row], last = state, run, now
+    steps_s = np.diff(time_s[rows], prepend=-np.inf)
+    restart = steps_s > averaging_s
+    weight = np.where(restart, 1.0, weights(np.minimum(steps_s, averaging_s), averaging_s, averaging))
+    state, averages = 0.0, []
+    for value, share, anew in zip(values[rows].tolist(), weight.tolist(), restart.tolist(), strict=True):
+        state = value if anew else state + share * (value - state)
+        averages.append(state)
+    average[rows], runs[rows] = averages, np.cumsum(restart)
     return average, runs
 
 
