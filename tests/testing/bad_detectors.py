@@ -1,6 +1,7 @@
 """One honest detector and others that each break one law."""
 
 import sys
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -153,7 +154,7 @@ class PeeksAtItsCallers(Honest):
 class ReadsAFile(Honest):
     def detect(self, recording: Recording) -> Decisions:
         time_ns, speed = speeds(recording)
-        if Path("/etc/hostname").exists():
+        with suppress(OSError):
             Path("/etc/hostname").read_bytes()
         return decisions(time_ns, speed / 12)
 

@@ -6,12 +6,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 
-from spoofbench.detecting import Detector
+from spoofbench.detecting import Decisions, Detector
 from spoofbench.errors import PluginError
 from spoofbench.testing import CheckFailed, detector_checks, run_checks
 from spoofbench.testing.detectors import LAWS
+from spoofbench.testing.subject import difference
 
 
 def _module() -> ModuleType:
@@ -76,6 +78,39 @@ def test_looking_one_epoch_ahead_is_refused_with_the_reason() -> None:
     checks = detector_checks(bad.LooksOneEpochAhead()).args[1]
     with pytest.raises(CheckFailed, match=r"with the rows after \d+ cut off, an earlier decision changes: the score at \d+ is"):
         next(check for check in checks if str(check) == "keeps_causality")()
+
+
+def decisions(*scores: float | None) -> Decisions:
+    score = np.array([np.nan if value is None else value for value in scores], float)
+    return Decisions(np.arange(len(scores)), score, ~np.isnan(score))
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "until", "reason"),
+    [
+        (decisions(0.5, 2.0), decisions(0.5, 2.0), None, None),
+        (decisions(0.5, 2.0), decisions(0.5, 2.0 + 1e-9), None, None),
+        (decisions(0.5, 2.0), decisions(0.5, 2.0 + 1e-8), None, "the score at 1 is"),
+        (decisions(0.5, 2.0), decisions(0.5, 9.0), 0, None),
+        (decisions(0.0), decisions(1e-300), None, "the score at 0 is"),
+        (decisions(1 - 5e-10), decisions(1 + 4e-10), None, None),
+        (decisions(1 - 1e-6), decisions(1 + 1e-6), None, "the score at 0 is"),
+        (decisions(np.inf), decisions(np.inf), None, None),
+        (decisions(np.inf), decisions(9.0), None, "the score at 0 is"),
+        (decisions(None, 0.1), decisions(0.1, 0.1), None, "availability differs at 0"),
+        (decisions(0.1), decisions(0.1, 0.1), None, "1 decisions against 2"),
+        (decisions(0.1), decisions(0.1, 0.1), 0, None),
+        (decisions(None, None), None, None, None),
+        (decisions(None, 0.1), None, None, "1 available decisions against a refusal"),
+        (decisions(None, 0.1), None, 0, None),
+        (None, None, None, None),
+    ],
+)
+def test_difference(left: Decisions | None, right: Decisions | None, until: int | None, reason: str | None) -> None:
+    for one, other in ((left, right), (right, left)):
+        found = difference(one, other, until)
+        assert (found is None) == (reason is None)
+    assert reason is None or reason in str(difference(left, right, until))
 
 
 def test_a_missing_plugin_is_an_error_not_a_result() -> None:

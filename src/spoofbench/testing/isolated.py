@@ -39,9 +39,12 @@ def decide_alone(detector: Detector, recordings: Sequence[Recording], hash_seed:
     """Run a detector on the blind part of recordings in a process that has nothing else.
 
     Raises:
-        RuntimeError: the process failed; gives the last line that it wrote.
+        RuntimeError: the process failed; gives the last line that it wrote. Or the detector is of a script, which
+            another process cannot import.
     """
     module = sys.modules[type(detector).__module__]
+    if module.__name__ == "__main__":
+        raise RuntimeError(f"{type(detector).__name__} is defined in a script; put it into a module, so that another process can import it")
     blind = [Recording(dict(recording.blind().items()), recording.blind().metadata) for recording in recordings]
     task = (sys.path, module.__name__, getattr(module, "__file__", None), pickle.dumps((detector, blind)))
     threads = {name: value for name, value in os.environ.items() if name.endswith("_NUM_THREADS")}
