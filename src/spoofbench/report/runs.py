@@ -129,12 +129,12 @@ def _facts(task: Task, scores: Mapping[str, Any]) -> list[tuple[str, str]]:
     if task.attack is None:
         low, high = rate(scores.get("far_per_hour_lo")), rate(scores.get("far_per_hour_hi"))
         figures = [
-            ("False alerts", f"{rate(scores.get('far_per_hour'))} per hour (95 %: {between(low, high)})"),
+            ("False alerts", _unit(rate(scores.get("far_per_hour")), f"per hour (95 %: {between(low, high)})")),
             ("Alerted share of available clean epochs", _pct(scores.get("far_epoch"), 100)),
         ]
     else:
         figures = [
-            ("Detection", f"{_pct(scores.get('detection_pct'))} of spoofed epochs"),
+            ("Detection", _pct(scores.get("detection_pct"))),
             ("Detection where available", _pct(scores.get("detection_pct_available"))),
             ("Time to first detection", _unit(seconds(scores.get("ttfd_s")), "s")),
             ("Position error at detection", _unit(rate(scores.get("position_error_at_detection_m")), "m")),
