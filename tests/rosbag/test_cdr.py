@@ -40,7 +40,7 @@ OUTERS = st.builds(
 
 
 def decode(messages: list[bytes], name: str = "test/msg/Outer") -> tuple[list[dict[str, Any] | None], list[tuple[int, str]]]:
-    groups, failures = cdr.decode(b"".join(messages), np.array([len(message) for message in messages]), name, TYPES)
+    groups, failures = cdr.Decoder(name, TYPES).decode(b"".join(messages), np.array([len(message) for message in messages]))
     rows: list[dict[str, Any] | None] = [None] * len(messages)
     for group in groups:
         for place, row in zip(group.index.tolist(), group.rows, strict=True):

@@ -71,6 +71,7 @@ class _Conversion:
                 self._definitions |= family.definitions()
         if options.definitions is not None:
             self._definitions |= cdr.read_folder(Path(options.definitions), [topic.type for topic in topics])
+        self._decoders = {number: cdr.Decoder(self._topics[number].type, self._definitions) for number in self._sessions}
         self._unknown: dict[int, tuple[int, int]] = {}
 
     @property
@@ -104,7 +105,7 @@ class _Conversion:
 
     def _messages(self, topic: Topic, payloads: Payloads) -> Iterator[Item]:
         """Decode one topic's messages and hand them over in bag order."""
-        groups, failures = cdr.decode(payloads.joined, payloads.lengths, topic.type, self._definitions)
+        groups, failures = self._decoders[topic.number].decode(payloads.joined, payloads.lengths)
         for place, reason in failures:
             yield Reject(int(payloads.records[place]), 1, f"{topic.name}: {reason}")
         session, pieces = self._sessions[topic.number], []

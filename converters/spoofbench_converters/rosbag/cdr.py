@@ -91,37 +91,54 @@ def read_folder(folder: Path, types: Sequence[str]) -> Definitions:
     return definitions
 
 
-def decode(joined: bytes | bytearray, lengths: NDArray[np.int64], name: str, types: Definitions) -> tuple[list[Group], list[Failure]]:
-    """Return all messages of a type by layout, and each that cannot be decoded.
+class Decoder:
+    """Decodes messages of one type; a layout that was walked once serves as long as messages have it.
 
     Args:
-        joined: the messages, one after the other.
-        lengths: bytes of each, ``(n,)``.
-        name: their type.
+        name: the type.
         types: definitions of that type and those within it.
     """
-    groups: list[Group] = []
-    failures: list[Failure] = []
-    octets = np.frombuffer(joined, np.uint8)
-    starts = np.cumsum(lengths) - lengths
-    for length in np.unique(lengths).tolist():
-        index, passes = np.flatnonzero(lengths == length), 0
-        while index.size:
-            first = int(starts[index[0]])
-            try:
-                layout = _walk(bytes(joined[first : first + length]), name, types)
-            except CdrError as error:
-                failures.append((int(index[0]), str(error)))
-                index = index[1:]
-                continue
-            passes += 1
-            tried = index if passes <= MAX_LAYOUTS else index[:1]
-            whole = octets if tried.size == lengths.size else octets[starts[tried, None] + np.arange(length)].reshape(-1)
-            rows = whole.view(layout.dtype)
-            same = layout.fits(rows)
-            groups.append(Group(tried, rows) if same.all() else Group(tried[same], rows[same]))
-            index = np.concatenate([tried[~same], index[tried.size :]])
-    return groups, failures
+
+    def __init__(self, name: str, types: Definitions) -> None:
+        self._name = name
+        self._types = types
+        self._known: dict[int, _Layout] = {}
+
+    def decode(self, joined: bytes | bytearray, lengths: NDArray[np.int64]) -> tuple[list[Group], list[Failure]]:
+        """Return all messages by layout, and each that cannot be decoded.
+
+        Args:
+            joined: the messages, one after the other.
+            lengths: bytes of each, ``(n,)``.
+        """
+        groups: list[Group] = []
+        failures: list[Failure] = []
+        octets = np.frombuffer(joined, np.uint8)
+        starts = np.cumsum(lengths) - lengths
+        for length in np.unique(lengths).tolist():
+            index, passes = np.flatnonzero(lengths == length), 0
+            while index.size:
+                first = int(starts[index[0]])
+                try:
+                    layout = self._layout(bytes(joined[first : first + length]))
+                except CdrError as error:
+                    failures.append((int(index[0]), str(error)))
+                    index = index[1:]
+                    continue
+                passes += 1
+                tried = index if passes <= MAX_LAYOUTS else index[:1]
+                whole = octets if tried.size == lengths.size else octets[starts[tried, None] + np.arange(length)].reshape(-1)
+                rows = whole.view(layout.dtype)
+                same = layout.fits(rows)
+                groups.append(Group(tried, rows) if same.all() else Group(tried[same], rows[same]))
+                index = np.concatenate([tried[~same], index[tried.size :]])
+        return groups, failures
+
+    def _layout(self, message: bytes) -> "_Layout":
+        known = self._known.get(len(message))
+        if known is None or not known.fits(np.frombuffer(message, known.dtype))[0]:
+            known = self._known[len(message)] = _walk(message, self._name, self._types)
+        return known
 
 
 @dataclass(slots=True)
@@ -135,24 +152,19 @@ class _Layout:
     names: list[str] = field(default_factory=list)
     formats: list[Any] = field(default_factory=list)
     offsets: list[int] = field(default_factory=list)
-    counts: list[str] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
+    dtype: np.dtype[Any] = field(default_factory=lambda: np.dtype([]))
 
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return np.dtype(
-            {
-                "names": ["encapsulation", *self.names],
-                "formats": ["S2", *self.formats],
-                "offsets": [0, *self.offsets],
-                "itemsize": len(self.message),
-            }
-        )
+    def close(self) -> None:
+        """Make the dtype of a whole message."""
+        names, formats, offsets = ["encapsulation", *self.names], ["S2", *self.formats], [0, *self.offsets]
+        self.dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(self.message)})
 
     def fits(self, rows: NDArray[Any]) -> NDArray[np.bool_]:
         """Which messages have the encapsulation and the counts of the one that was walked."""
-        same = np.asarray(rows["encapsulation"] == rows["encapsulation"][0])
-        for name in self.counts:
-            same &= rows[name] == rows[name][0]
+        same = np.asarray(rows["encapsulation"] == self.message[:2])
+        for name, value in self.counts.items():
+            same &= rows[name] == value
         return same
 
     def place(self, name: str, code: str, shape: tuple[int, ...] = (), align: int | None = None) -> int:
@@ -174,8 +186,8 @@ class _Layout:
     def count(self, name: str) -> int:
         """Add the count of a sequence or string; return its value here."""
         offset = self.place(f"{name}#", f"{self.order}u4")
-        self.counts.append(f"{name}#")
         value: int = struct.unpack_from(f"{self.order}I", self.message, offset)[0]
+        self.counts[f"{name}#"] = value
         if value > len(self.message) - self.at:
             raise CdrError(f"the field {name!r} is longer than the message")
         return value
@@ -189,6 +201,7 @@ def _walk(message: bytes, name: str, types: Definitions) -> _Layout:
     _walk_type(layout, "", name)
     if len(message) - layout.at > _TAIL_BYTES:
         raise CdrError("the message is longer than its definition")
+    layout.close()
     return layout
 
 

@@ -108,7 +108,7 @@ class Bag:
         payload = "data"
         if wanted < {topic.number for topic in self.topics}:
             payload = f"CASE WHEN topic_id IN ({', '.join(map(str, sorted(wanted))) or 'NULL'}) THEN data END"
-        query = f"SELECT id, topic_id, timestamp, {payload} FROM messages WHERE id > ? ORDER BY id"  # noqa: S608 - numbers of our own
+        query = f"SELECT topic_id, timestamp, {payload} FROM messages WHERE id > ? ORDER BY id"  # noqa: S608 - numbers of our own
         last: int | None = -(2**63)
         while last is not None:
             rows = _Rows(self._database, query, last)
@@ -123,7 +123,7 @@ class Bag:
                 yield filling.slab()
             if rows.failure is None:
                 return
-            reject, last = self._around(rows.failure, query, max(rows.last, 0))
+            reject, last = self._around(rows.failure, query, max(self._key(last, rows.count), 0))
             self.records += reject.length
             yield reject
 
@@ -136,8 +136,19 @@ class Bag:
             reason = f"a message has more than {MAX_MESSAGE_BYTES:,} bytes"
         highest = self.highest_id()
         following = self._next_readable(query, last + 1, highest)
+        if following is None:
+            reason += "; nothing after it can be read"
         lost = (max(highest + 1, last + 2) if following is None else following) - last - 1
         return Reject(self.records, lost, reason), None if following is None else following - 1
+
+    def _key(self, after: int, count: int) -> int:
+        """Return the key of the last of so many messages."""
+        if not count:
+            return after
+        keys: list[Any] = self._database.execute(
+            "SELECT id FROM messages WHERE id > ? ORDER BY id LIMIT 1 OFFSET ?", (after, count - 1)
+        ).fetchall()
+        return int(keys[0][0])
 
     def _next_readable(self, query: str, bad: int, highest: int) -> int | None:
         """Return the first key after a bad one from which a message can be read."""
@@ -158,23 +169,25 @@ class Bag:
         return good
 
     def _first_from(self, query: str, key: int) -> int | None:
+        """Return the key of the first message from a key on, None where it cannot be read or there is none."""
         try:
-            row: _Row | None = next(self._database.execute(query, (key - 1,)), None)
+            if next(self._database.execute(query, (key - 1,)), None) is None:
+                return None
+            return self._key(key - 1, 1)
         except apsw.Error:
             return None
-        return None if row is None else int(row[0])
 
 
 class _Rows:
     """Rows of a query up to its end or to the first that cannot be read.
 
     Attributes:
-        last: key of the newest row.
+        count: how many rows were read.
         failure: why reading ended, None at the end.
     """
 
     def __init__(self, database: apsw.Connection, query: str, after: int) -> None:
-        self.last = after
+        self.count = 0
         self.failure: apsw.Error | None = None
         self._cursor: Iterator[_Row] = iter(())
         try:
@@ -190,8 +203,7 @@ class _Rows:
                 rows.extend(islice(self._cursor, FETCHED_MESSAGES))  # what came before an error stays in the list
             except apsw.Error as error:
                 self.failure = error
-        if rows:
-            self.last = rows[-1][0]
+        self.count += len(rows)
         return rows
 
 
@@ -219,7 +231,7 @@ class _Filling:
                 self._sort(list(compress(rows, good)), records[kept])
 
     def _sort(self, rows: list[_Row], records: NDArray[np.int64]) -> None:
-        _, numbers, stamps, payloads = zip(*rows, strict=True)
+        numbers, stamps, payloads = zip(*rows, strict=True)
         topics, stamps_ns = np.array(numbers), np.array(stamps)
         if topics.dtype != np.int64 or stamps_ns.dtype != np.int64:
             raise TypeError
@@ -237,7 +249,7 @@ class _Filling:
             self._parts[number].append(tuple(arrays))
 
     def _is_good(self, row: _Row) -> bool:
-        return isinstance(row[1], int) and isinstance(row[2], int) and (isinstance(row[3], bytes) or row[1] not in self._joined)
+        return isinstance(row[0], int) and isinstance(row[1], int) and (isinstance(row[2], bytes) or row[0] not in self._joined)
 
     def slab(self) -> Slab:
         """Return what was taken."""
