@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-HEAVY = ("numpy", "pandas", "pyarrow", "scipy", "plotly", "rosbags", "rich", "google.protobuf")
+HEAVY = ("numpy", "pandas", "pyarrow", "scipy", "rosbags", "rich", "google.protobuf")
 
 
 def _spoofbench(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
