@@ -2,6 +2,7 @@
 
 import os
 import re
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -45,14 +46,14 @@ def hostile(make_suite: MakeSuite, tmp_path_factory: pytest.TempPathFactory) -> 
     folder = tmp_path_factory.mktemp("hostile")
     strays = DetectorEntry("strays", "strays", {"note": str(folder / "strays.txt")})
     before, after = DetectorEntry("steady-first", "steady"), DetectorEntry("steady-last", "steady")
-    suite = make_suite([before, *HOSTILE, "prints", strays, after], limits=Limits(time_s=3.0, memory_mb=256))
+    suite = make_suite([before, *HOSTILE, "prints", "hungry", strays, after], limits=Limits(time_s=3.0, memory_mb=256))
     run(suite, folder / "results", workers=2)
     return folder / "results"
 
 
 def test_every_task_has_a_row_in_the_order_of_the_suite(hostile: Path) -> None:
     tasks = read_tasks(hostile)
-    detectors = ["steady-first", *HOSTILE, "prints", "strays", "steady-last"]
+    detectors = ["steady-first", *HOSTILE, "prints", "hungry", "strays", "steady-last"]
     assert [(task.attack, task.detector) for task in tasks] == [(attack, name) for attack in (None, "nudge") for name in detectors]
     scores = read_parquet(hostile / "scores.parquet").to_pylist()
     assert [row["task_id"] for row in scores] == [task.task_id for task in tasks]
@@ -89,7 +90,7 @@ def test_neighbours_of_hostile_detectors_are_intact(hostile: Path, logs: Path, f
     from spoofbench import plugins
 
     expected = detect(plugins.make(plugins.DETECTORS, "steady"), codec.read(logs / "drive-1.mcap"))
-    for name in ("steady-first", "steady-last", "prints", "strays"):
+    for name in ("steady-first", "steady-last", "prints", "hungry", "strays"):
         assert rows(hostile, name) == {("ok", None)}
         outcome = read_outcome(hostile, by_detector(hostile)[name][0].task_id)
         assert outcome is not None
@@ -110,6 +111,10 @@ def test_costs_are_known_for_what_ran(hostile: Path) -> None:
     tasks = read_tasks(hostile)
     assert [row["task_id"] for row in costs] == [task.task_id for task in tasks]
     assert all(row["seconds"] is not None for row, task in zip(costs, tasks, strict=True) if task.status == "ok")
+    if sys.platform == "linux":
+        memory_mb = {task.detector: row["memory_mb"] for row, task in zip(costs, tasks, strict=True)}
+        assert memory_mb["steady-last"] < 50
+        assert 100 <= memory_mb["hungry"] < 150
 
 
 def test_a_group_that_fails_loses_the_culprit_alone(make_suite: MakeSuite, tmp_path: Path) -> None:
@@ -120,10 +125,15 @@ def test_a_group_that_fails_loses_the_culprit_alone(make_suite: MakeSuite, tmp_p
 
 
 def test_an_attack_that_fails_costs_its_own_tasks(make_suite: MakeSuite, tmp_path: Path) -> None:
-    suite = make_suite(["steady"], ["nudge", "stumbles", "kills-itself", "inapplicable", AttackEntry("late", "replay", {"delay_s": 1e4})])
+    late = AttackEntry("late", "replay", {"delay_s": 1e4})
+    suite = make_suite(
+        ["steady"], ["fatal-supply", "nudge", "stumbles", "kills-itself", "inapplicable", late, AttackEntry("nudge-2", "nudge")]
+    )
     run(suite, tmp_path / "results")
     found = {task.attack: (task.status, task.reason) for task in read_tasks(tmp_path / "results")}
-    assert found[None] == found["nudge"] == ("ok", None)
+    assert found[None] == found["nudge"] == found["nudge-2"] == ("ok", None)
+    died = "its process ended with exit status 5 before it had answered"
+    assert found["fatal-supply"] == ("failed", f"asking what the attack can supply: {died}")
     assert found["stumbles"][0] == "failed"
     assert "ValueError: stumbled" in (found["stumbles"][1] or "")
     assert found["kills-itself"] == ("failed", "making the variant: its process ended with exit status 4 before it had answered")

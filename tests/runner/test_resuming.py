@@ -65,10 +65,17 @@ def descendants(pid: int) -> list[int]:
     return found
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def slow(make_suite: MakeSuite) -> Suite:
     attacks = [AttackEntry(f"nudge-{shift}", "nudge", {"shift_deg": float(shift)}) for shift in (1, 2, 3)]
     return make_suite(["slow", "raises", DetectorEntry("slower", "slow", {"pause_s": 0.5})], attacks)
+
+
+@pytest.fixture(scope="module")
+def unbroken(slow: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("unbroken")
+    run(slow, folder, workers=2)
+    return folder
 
 
 def start(suite: Suite, folder: Path, tmp_path: Path) -> "subprocess.Popen[str]":
@@ -86,23 +93,23 @@ def decided(folder: Path) -> int:
 
 
 @needs_proc
-def test_a_killed_and_resumed_run_equals_an_unbroken_one(slow: Suite, tmp_path: Path) -> None:
-    run(slow, tmp_path / "unbroken", workers=2)
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_a_killed_and_resumed_run_equals_an_unbroken_one(slow: Suite, unbroken: Path, tmp_path: Path, number: signal.Signals) -> None:
     broken = tmp_path / "broken"
     process = start(slow, broken, tmp_path)
     until(lambda: decided(broken) >= 3)
     family = descendants(process.pid)
-    process.kill()
+    process.send_signal(number)
     process.communicate()
     assert family
     until(lambda: not any(alive(pid) for pid in family))
     until(lambda: not list((tmp_path / "temporary").iterdir()))
     done = {path: path.stat().st_ino for path in (broken / "decisions").glob("[!.]*.parquet")}
-    assert 3 <= len(done) < len(read_tasks(tmp_path / "unbroken"))
+    assert 3 <= len(done) < len(read_tasks(unbroken))
     (broken / "decisions" / f".{'0' * 64}.parquet.part").write_bytes(b"cut short")
     run(slow, broken, workers=1, resume=True)
     assert {path: path.stat().st_ino for path in done} == done, "what was done is not done again"
-    assert contents(broken) == contents(tmp_path / "unbroken")
+    assert contents(broken) == contents(unbroken)
     assert len(read_parquet(broken / "costs.parquet")) == len(read_tasks(broken))
 
 

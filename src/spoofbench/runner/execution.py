@@ -60,30 +60,46 @@ class Preparation:
         """Prepare what missing tasks need; settle those that cannot run; return the groups of the others."""
         on_this = self.suite.attacks_on(self.recording.id)
         attacks = [attack for attack in attacks if attack.entry in on_this]
-        with self.server.fork() as worker:
-            self.survey = self._survey(worker, attacks)
+        worker, self.survey = self._surveyed(attacks)
+        with worker:
             self.tasks = plan(self.suite, self.recording, self.survey, attacks, detectors)
             missing = self.ledger.missing(self.tasks)
             wanted = {task.variant.id: task.variant for task in missing if not task.variant.problem}
             made = self._make(worker, list(wanted.values()))
         while len(made) < len(wanted):
-            left = [variant for variant in wanted.values() if variant.id not in made]
-            with self.server.fork() as worker:
-                self._survey(worker, attacks)
-                made |= self._make(worker, left)
+            worker, _ = self._surveyed([attack for attack in attacks if attack.entry.id not in self.survey.unfit])
+            with worker:
+                made |= self._make(worker, [variant for variant in wanted.values() if variant.id not in made])
         return self._groups(self._settle(missing, made), detectors)
 
-    def _survey(self, worker: Worker, attacks: Sequence[Part]) -> Survey:
+    def _surveyed(self, attacks: Sequence[Part]) -> tuple[Worker, Survey]:
+        """Return a worker that has read the recording, and what it found; attacks that a worker does not survive are unfit."""
+        fatal: dict[str, Problem] = {}
+        while True:
+            worker = self.server.fork()
+            asked: list[str] = []
+            try:
+                read = self._survey(worker, [attack for attack in attacks if not attack.problem and attack.entry.id not in fatal], asked)
+            except (Died, TimedOut) as error:
+                worker.end()
+                if not asked:
+                    return worker, Survey(None, problem=("failed", f"reading the recording: {error}"))
+                fatal[asked[-1]] = ("failed", f"asking what the attack can supply: {error}")
+                continue
+            if read["status"] != "ok":
+                return worker, Survey(None, problem=("failed", read["reason"]))
+            windows = {int(seed): window and Interval(*window) for seed, window in read["windows"].items()}
+            unfit: dict[str, Problem] = {name: (status, reason) for name, (status, reason) in read["unfit"].items()}
+            return worker, Survey(read["digest"], tuple(read["donors"]), frozenset(read["kinds"]), windows, fatal | unfit)
+
+    def _survey(self, worker: Worker, attacks: Sequence[Part], asked: list[str]) -> dict[str, Any]:
+        """Return the worker's survey; ``asked`` gets the attacks whose code has run."""
         paths = {entry.id: str(entry.path.absolute()) for entry in self.suite.recordings}
         order = {
             "path": paths[self.recording.id],
             "donors": [paths[donor] for donor in self.recording.donors],
             "recording": self.recording.id,
-            "attacks": [
-                {"id": attack.entry.id, "plugin": attack.plugin.name, "parameters": dict(attack.given)}
-                for attack in attacks
-                if not attack.problem
-            ],
+            "attacks": [{"id": attack.entry.id, "plugin": attack.plugin.name, "parameters": dict(attack.given)} for attack in attacks],
             "seeds": list(self.suite.seeds),
             "suite_seed": self.suite.seed,
             "warm_up_s": self.suite.warm_up_s,
@@ -93,15 +109,9 @@ class Preparation:
         worker.say(
             work="prepare", order=order, results=str(self.ledger.folder.absolute()), material=str(self.material), memory_mb=memory_mb
         )
-        try:
-            read = worker.hear(_PREPARING * self.suite.limits.time_s)
-        except (Died, TimedOut) as error:
-            return Survey(None, problem=("failed", f"reading the recording: {error}"))
-        if read["status"] != "ok":
-            return Survey(None, problem=("failed", read["reason"]))
-        windows = {int(seed): window and Interval(*window) for seed, window in read["windows"].items()}
-        unfit: dict[str, Problem] = {name: (status, reason) for name, (status, reason) in read["unfit"].items()}
-        return Survey(read["digest"], tuple(read["donors"]), frozenset(read["kinds"]), windows, unfit)
+        while (read := worker.hear(_PREPARING * self.suite.limits.time_s))["status"] == "asking":
+            asked.append(read["attack"])
+        return read
 
     def _make(self, worker: Worker, variants: Sequence[Variant]) -> dict[str, frozenset[str] | Problem]:
         """Have variants made; return the kinds of each, or why there is none, up to one that the worker did not survive."""

@@ -1,7 +1,7 @@
 """The plan of a recording: its variants and tasks, each with its id, in the order of the suite."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from spoofbench.plugins import Plugin
@@ -63,8 +63,8 @@ class Survey:
     digest: str | None
     donors: tuple[str, ...] = ()
     kinds: frozenset[str] = frozenset()
-    windows: Mapping[int, Interval | None] | None = None
-    unfit: Mapping[str, Problem] | None = None
+    windows: Mapping[int, Interval | None] = field(default_factory=dict)
+    unfit: Mapping[str, Problem] = field(default_factory=dict)
     problem: Problem | None = None
 
 
@@ -161,12 +161,12 @@ def _task_id(suite: Suite, variant: Variant, detector: Part) -> str:
 
 
 def _window(survey: Survey, attack: Part | None, seed: int | None) -> Interval | None:
-    if attack is None or seed is None or survey.windows is None or attack.entry.id in (survey.unfit or {}):
+    if attack is None or seed is None or attack.entry.id in survey.unfit:
         return None
-    return survey.windows[seed]
+    return survey.windows.get(seed)
 
 
 def _problem(survey: Survey, attack: Part | None) -> Problem | None:
     if survey.problem or attack is None:
         return survey.problem
-    return attack.problem or (survey.unfit or {}).get(attack.entry.id)
+    return attack.problem or survey.unfit.get(attack.entry.id)

@@ -31,7 +31,7 @@ def work(talk: Talk, order: dict[str, Any], results: str, material: str, memory_
     attacks: dict[str, Attack] = {
         entry["id"]: plugins.make(plugins.ATTACKS, entry["plugin"], frozen(entry["parameters"])) for entry in order["attacks"]
     }
-    common, unfit = common_supply(attacks, clean, donors, order["warm_up_s"], order["duration_s"])
+    common, unfit = _common_supply(talk, attacks, clean, donors, order)
     windows = {str(seed): None if common is None else _window(order, seed, common) for seed in order["seeds"]}
     talk.send(
         status="ok",
@@ -62,20 +62,22 @@ def _window(order: Mapping[str, Any], seed: int, common: Interval) -> tuple[int,
     return window.start_ns, window.end_ns
 
 
-def common_supply(
-    attacks: Attacks, clean: Recording, donors: Sequence[Recording], warm_up_s: float, duration_s: float
+def _common_supply(
+    talk: Talk, attacks: Attacks, clean: Recording, donors: Sequence[Recording], order: Mapping[str, Any]
 ) -> tuple[Interval | None, Unfit]:
     """Return where windows may lie that all attacks share, and the attacks that can have none.
 
-    An attack takes part if, with those before it in the suite, it leaves room for a window.
+    An attack takes part if, with those before it in the suite, it leaves room for a window. Each is announced
+    before its code runs, so that the main process knows whom to blame.
     """
-    span = clean.span
-    common = Interval(min(span.start_ns + round(warm_up_s * 1e9), span.end_ns), span.end_ns)
+    span, duration_s = clean.span, order["duration_s"]
+    common = Interval(min(span.start_ns + round(order["warm_up_s"] * 1e9), span.end_ns), span.end_ns)
     if common.duration_s < duration_s:
         reason = f"the recording has {common.duration_s:.1f} s after the warm-up, too few for an attack of {duration_s:g} s"
         return None, dict.fromkeys(attacks, ("skipped", reason))
     unfit: Unfit = {}
     for name, attack in attacks.items():
+        talk.send(status="asking", attack=name)
         try:
             supply = supply_of(attack, clean, donors)
         except NotApplicable as error:

@@ -129,10 +129,10 @@ def _own_group(pid: int) -> None:
 def _reap(children: dict[int, int]) -> None:
     """Report the workers that have ended, and end what they left running."""
     for pid, status in list(children.items()):
-        if os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+        ended, wait_status = os.waitpid(pid, os.WNOHANG)
+        if not ended:
             continue
-        _kill_group(pid)  # before the wait: until then the number cannot be another group's
-        _, wait_status = os.waitpid(pid, 0)
+        _kill_group(pid)
         with contextlib.suppress(BrokenPipeError):  # nobody waits for this worker any more
             os.write(status, NUMBER.pack(wait_status))
         os.close(status)

@@ -85,6 +85,17 @@ class Eats(Steady):
 
 
 @dataclass(frozen=True)
+class Hungry(Steady):
+    """Takes some memory and gives it back."""
+
+    memory_mb: int = 100
+
+    def detect(self, recording: Recording) -> Decisions:
+        np.ones(self.memory_mb << 17).sum()
+        return super().detect(recording)
+
+
+@dataclass(frozen=True)
 class Exits(Steady):
     """Ends its process."""
 
@@ -255,3 +266,11 @@ class Inapplicable(Nudge):
 
     def supply(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
         raise NotApplicable("there is nothing to replay")
+
+
+@dataclass(frozen=True)
+class FatalSupply(Nudge):
+    """Ends its process when it is asked what it can supply."""
+
+    def supply(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
+        os._exit(5)
