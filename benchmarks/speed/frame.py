@@ -1,0 +1,75 @@
+"""The common frame of the speed benchmarks: contestants side by side in interleaved rounds, medians, ratios."""
+
+import gc
+import json
+import statistics
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One piece of work that we and peers do.
+
+    Attributes:
+        name: of the job.
+        timed: what is timed, in one line.
+        ours: does the work and returns what came of it.
+        peers: by name, the same.
+        missing: peers that are not installed.
+        check: is given our result and a peer's, once before timing, and raises where they do not agree.
+    """
+
+    name: str
+    timed: str
+    ours: Callable[[], Any]
+    peers: Mapping[str, Callable[[], Any]]
+    missing: Sequence[str] = ()
+    check: Callable[[Any, Any], None] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """A peer's median time over ours; above 1 we are quicker."""
+
+    job: str
+    peer: str
+    ratio: float
+    ours_ms: float
+    peer_ms: float
+
+
+def run(job: Job, rounds: int) -> list[Result]:
+    """Time a job: in each round we and every peer take a turn in one process."""
+    contestants = {"": job.ours, **job.peers}
+    first = {name: work() for name, work in contestants.items()}
+    if job.check:
+        for name in job.peers:
+            job.check(first[""], first[name])
+    del first
+    times: dict[str, list[float]] = {name: [] for name in contestants}
+    for _ in range(rounds):
+        for name, work in contestants.items():
+            gc.collect()
+            begin = time.perf_counter()
+            result = work()
+            times[name].append(1e3 * (time.perf_counter() - begin))
+            del result
+    medians = {name: statistics.median(values) for name, values in times.items()}
+    ours = medians.pop("")
+    return [Result(job.name, name, round(peer / ours, 2), round(ours, 2), round(peer, 2)) for name, peer in medians.items()]
+
+
+def report(results: Sequence[Result]) -> Iterator[str]:
+    """Yield the lines of a table that fits 80 columns."""
+    yield f"{'job':<24}{'peer':<16}{'ratio':>9}{'ours ms':>12}{'peer ms':>12}"
+    for result in results:
+        yield f"{result.job:<24}{result.peer:<16}{result.ratio:>8.1f}x{result.ours_ms:>12.1f}{result.peer_ms:>12.1f}"
+
+
+def save(results: Sequence[Result], path: Path) -> None:
+    """Write the results as JSON."""
+    path.write_text(json.dumps([asdict(result) for result in results], indent=1) + "\n")
