@@ -171,7 +171,9 @@ def _applied(
             start_ns, *edges_ns = clean.span.start_ns, supply.start_ns, supply.end_ns, window.start_ns, window.end_ns
             first, last, start, end = (f"{(edge_ns - start_ns) / 1e9:.1f}" for edge_ns in edges_ns)
             raise NotApplicable(f"attack {name!r} has material for {first} to {last} s of the recording, not for {start} to {end} s")
-        attacked = attack.apply(clean, window, rng, donors)
+        # copies: what a stranger does to its arguments must not reach the rows that its result is compared with
+        own, *others = (Recording(dict(recording), recording.metadata) for recording in (clean, *donors))
+        attacked = attack.apply(own, window, rng, others)
     except SpoofbenchError:
         raise
     except Exception as error:  # a plugin may raise anything
