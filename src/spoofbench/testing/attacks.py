@@ -11,9 +11,9 @@ Three lines hold an attack to its contract::
 import dataclasses
 import pickle
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +26,8 @@ from spoofbench.attacks.rounding import resolutions
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording, Table
 from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
+from spoofbench.testing.attack_material import examples, inner, poor
 from spoofbench.testing.detectors import CheckResult
-from spoofbench.testing.recordings import drive
 from spoofbench.testing.subject import CheckFailed
 
 if TYPE_CHECKING:
@@ -138,50 +138,6 @@ def _result(check: Check) -> CheckResult:
     except Exception as error:  # noqa: BLE001  a plugin may raise anything
         return CheckResult(str(check), False, f"{type(error).__name__}: {error}")
     return CheckResult(str(check), True, None)
-
-
-@cache
-def examples() -> Mapping[str, tuple[Recording, tuple[Recording, ...]]]:
-    """The recordings that are attacked, each with its donors."""
-    long, quick, other = drive(1, 420.0), drive(2, 60.0, 10.0, second_sources=True), drive(3, 90.0, 10.0)
-    return {
-        "a drive at 1 Hz": (long, ()),
-        "a drive at 1 Hz with a donor": (long, (drive(4, 240.0),)),
-        "a drive at 10 Hz with second sources": (quick, ()),
-        "a drive at 10 Hz with a donor": (quick, (other,)),
-        "a drive without velocity": (_without(long, "vel_n_mps", "vel_e_mps", "vel_d_mps"), ()),
-        "a drive without position": (_without(long, "lat_deg", "lon_deg", "height_m"), ()),
-        "a drive with speed and course": (_as_nmea(long), ()),
-    }
-
-
-def _each_pvt(recording: Recording, change: Callable[[Table], Table]) -> Recording:
-    return recording.replace({topic: change(recording[topic]) for topic in recording.topics("gnss/pvt")})
-
-
-def _without(recording: Recording, *names: str) -> Recording:
-    return _each_pvt(recording, lambda table: table.replace(**dict.fromkeys(names)))
-
-
-def _as_nmea(recording: Recording) -> Recording:
-    """Speed in knots and course instead of velocity, and both heights, with the decimals of NMEA sentences."""
-
-    def change(table: Table) -> Table:
-        north, east = table["vel_n_mps"], table["vel_e_mps"]
-        height = np.round(table["height_m"], 1)
-        return table.replace(
-            speed_mps=np.round(np.hypot(north, east) * 3600 / 1852, 2) * (1852 / 3600),
-            course_deg=np.round(np.degrees(np.arctan2(east, north)) % 360, 2) % 360,
-            lat_deg=np.round(table["lat_deg"] * 60, 5) / 60,
-            lon_deg=np.round(table["lon_deg"] * 60, 5) / 60,
-            height_m=height,
-            height_msl_m=np.round(height - 47.3, 1),
-            vel_n_mps=None,
-            vel_e_mps=None,
-            vel_d_mps=None,
-        )
-
-    return _each_pvt(recording, change)
 
 
 def _require(condition: bool, reason: str) -> None:
@@ -297,47 +253,15 @@ def leaves_its_arguments(subject: Subject) -> None:
 def says_when_it_cannot_be_made(subject: Subject) -> None:
     """A poor recording gives a variant or :class:`NotApplicable`, never anything else."""
     clean, _ = examples()["a drive at 1 Hz"]
-    for name, poor, donors in _poor(clean):
+    for name, recording, donors in poor(clean):
         span = clean.span
-        for window in (_inner(span), Interval(span.start_ns, span.end_ns)):
+        for window in (inner(span), Interval(span.start_ns, span.end_ns)):
             try:
-                falsify(subject.name, subject.attack, poor, window, 0, donors)
+                falsify(subject.name, subject.attack, recording, window, 0, donors)
             except NotApplicable:
                 continue
             except Exception as error:
                 raise CheckFailed(f"on {name} it raises {type(error).__name__}: {error}") from error
-
-
-def _inner(span: Interval) -> Interval:
-    third = (span.end_ns - span.start_ns) // 3
-    return Interval(span.end_ns - third, span.end_ns - third // 2)
-
-
-def _poor(recording: Recording) -> Iterator[tuple[str, Recording, Sequence[Recording]]]:
-    def each(change: Callable[[Table], Table]) -> Recording:
-        return _each_pvt(recording, change)
-
-    def nothing(table: Table) -> Table:
-        return Table(table.kind.name, table.time_ns, {})
-
-    def bare(table: Table) -> Table:
-        return table.replace(**{name: np.full(len(table), np.nan) for name in table if table[name].dtype.kind == "f"})
-
-    def still(table: Table) -> Table:
-        return table.replace(**{name: np.zeros(len(table)) for name in table if table[name].dtype.kind == "f"})
-
-    inner = _inner(recording.span)
-    yield "a recording without PVT", recording.replace(dict.fromkeys(recording.topics("gnss/pvt"))), ()
-    yield "a recording with an empty PVT table", each(lambda table: table.take(slice(0, 0))), ()
-    yield "a recording of one PVT row", each(lambda table: table.take(slice(0, 1))), ()
-    yield "a recording whose PVT rows are empty", each(nothing), ()
-    yield "a recording without a fix", each(bare), ()
-    yield "a recording of zeros", each(still), ()
-    yield "a recording with a gap for a window", each(lambda table: table.take(~inner.covers(table.time_ns))), ()
-    yield "a recording with every epoch twice", each(lambda table: table.take(np.repeat(np.arange(len(table)), 2))), ()
-    yield "a donor without PVT", recording, (recording.replace(dict.fromkeys(recording.topics("gnss/pvt"))),)
-    yield "a donor of one row", recording, (each(lambda table: table.take(slice(0, 1))),)
-    yield "a donor whose rows are empty", recording, (each(nothing),)
 
 
 def pickles(subject: Subject) -> None:
