@@ -37,7 +37,7 @@ Rows = dict[str, list[tuple[Any, ...]]]
 Columns = dict[str, np.ndarray[Any, Any]]
 
 _STORE = get_typestore(Stores.EMPTY)
-_STORE.register(dict(aspn23.definitions()))
+_STORE.register({name: (list(constants), list(fields)) for name, (constants, fields) in aspn23.definitions().items()})
 _COVARIANCE = (0, 1, 2, 4, 5, 8)
 
 
@@ -111,25 +111,37 @@ def _peer_file(bag: Path, path: Path) -> Path:
     rows = _rows(bag)
     velocities = {row[0]: row for row in rows[VELOCITY]}
     with path.open("wb") as stream, PairWriter(stream) as writer:
-        for time, stamp, *values in rows[IMU]:
-            names = ("accel_x_mps2", "accel_y_mps2", "accel_z_mps2", "gyro_x_radps", "gyro_y_radps", "gyro_z_radps")
-            message = Imu(receive_time_ns=stamp, interval_s=0.01, **{name: value / 0.01 for name, value in zip(names, values, strict=True)})
-            writer.write_message(IMU, message, time, time)
-        for time, stamp, lat, lon, height, *covariance in rows[POSITION]:
-            _, received, north, east, down, *spread = velocities[time]
-            axes = ("nn", "ne", "nd", "ee", "ed", "dd")
-            fields = {f"cov_{a}_m2": value for a, value in zip(axes, covariance, strict=True)}
-            fields |= {f"cov_vel_{a}_m2ps2": value for a, value in zip(axes, spread, strict=True)}
-            place = {"lat_deg": math.degrees(lat), "lon_deg": math.degrees(lon), "height_m": height}
-            message = Pvt(receive_time_ns=max(stamp, received), vel_n_mps=north, vel_e_mps=east, vel_d_mps=down, **place, **fields)
-            writer.write_message(PVT, message, time, time)
-        for time, stamp, lat, lon, height, north, east, down, *quaternion in rows[PVA]:
-            roll, pitch, yaw = _angles(*quaternion)
-            place = {"lat_deg": math.degrees(lat), "lon_deg": math.degrees(lon), "height_m": height}
-            turn = {"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw}
-            message = Pva(receive_time_ns=stamp, vel_n_mps=north, vel_e_mps=east, vel_d_mps=down, **place, **turn)
-            writer.write_message(PVA, message, time, time)
+        for row in rows[IMU]:
+            writer.write_message(IMU, _imu(*row), row[0], row[0])
+        for row in rows[POSITION]:
+            writer.write_message(PVT, _pvt(row, velocities[row[0]]), row[0], row[0])
+        for row in rows[PVA]:
+            writer.write_message(PVA, _pva(*row), row[0], row[0])
     return path
+
+
+def _imu(_: int, stamp: int, *increments: float) -> Imu:
+    names = ("accel_x_mps2", "accel_y_mps2", "accel_z_mps2", "gyro_x_radps", "gyro_y_radps", "gyro_z_radps")
+    rates = {name: value / 0.01 for name, value in zip(names, increments, strict=True)}
+    return Imu(receive_time_ns=stamp, interval_s=0.01, **rates)
+
+
+def _pvt(position: tuple[Any, ...], velocity: tuple[Any, ...]) -> Pvt:
+    _, stamp, lat, lon, height, *covariance = position
+    _, received, north, east, down, *spread = velocity
+    axes = ("nn", "ne", "nd", "ee", "ed", "dd")
+    fields: dict[str, Any] = {f"cov_{a}_m2": value for a, value in zip(axes, covariance, strict=True)}
+    fields |= {f"cov_vel_{a}_m2ps2": value for a, value in zip(axes, spread, strict=True)}
+    fields |= {"lat_deg": math.degrees(lat), "lon_deg": math.degrees(lon), "height_m": height}
+    return Pvt(receive_time_ns=max(stamp, received), vel_n_mps=north, vel_e_mps=east, vel_d_mps=down, **fields)
+
+
+def _pva(_: int, stamp: int, *values: float) -> Pva:
+    lat, lon, height, north, east, down, *quaternion = values
+    roll, pitch, yaw = _angles(*quaternion)
+    place = {"lat_deg": math.degrees(lat), "lon_deg": math.degrees(lon), "height_m": height}
+    turn = {"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw}
+    return Pva(receive_time_ns=stamp, vel_n_mps=north, vel_e_mps=east, vel_d_mps=down, **place, **turn)
 
 
 def _angles(a: float, c: float, b: float, d: float) -> tuple[float, float, float]:
