@@ -1,6 +1,7 @@
 """A detector's process holds nothing that tells what it is looking at."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from spoofbench.recording import Recording
 from spoofbench.results import read_tasks
 from spoofbench.runner import run
 from spoofbench.runner.material import Shelf, Store
-from spoofbench.suite import AttackEntry, DetectorEntry, RecordingEntry, Suite
+from spoofbench.suite import AttackEntry, DetectorEntry, Limits, RecordingEntry, Suite
 from spoofbench.testing.recordings import drive, spoofed_drive
 
 MakeSuite = Callable[..., Suite]
@@ -25,11 +26,10 @@ def spy_on(make_suite: MakeSuite, logs: Path, folder: Path, words: tuple[str, ..
         [AttackEntry("telling-attack", "nudge")],
         name="telling-suite",
         seeds=(987654321987,),
-        recordings=None,
+        limits=Limits(time_s=120.0, memory_mb=1024),
     )
     entry = RecordingEntry("telling-recording", copy, "telling-session")
-    suite = Suite(**{name: getattr(suite, name) for name in suite.__slots__} | {"recordings": (entry,)})
-    run(suite, folder / "telling-results")
+    run(replace(suite, recordings=(entry,)), folder / "telling-results")
     return {(task.status, task.reason) for task in read_tasks(folder / "telling-results")}
 
 

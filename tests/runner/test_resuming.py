@@ -113,18 +113,28 @@ def test_a_killed_and_resumed_run_equals_an_unbroken_one(slow: Suite, unbroken: 
     assert len(read_parquet(broken / "costs.parquet")) == len(read_tasks(broken))
 
 
+def parent_of(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
+
+
 @needs_proc
-def test_workers_die_with_their_server_and_the_run_says_so(slow: Suite, tmp_path: Path) -> None:
-    process = start(slow, tmp_path / "results", tmp_path)
-    until(lambda: decided(tmp_path / "results") >= 1)
+@pytest.mark.parametrize("victim", ["main process", "server"])
+def test_workers_that_never_answer_die_with_whoever_is_killed(make_suite: MakeSuite, tmp_path: Path, victim: str) -> None:
+    process = start(make_suite(["sleeps", "steady"]), tmp_path / "results", tmp_path)
+    until(lambda: decided(tmp_path / "results") == 2)  # steady is done, so the other worker sleeps
     family = descendants(process.pid)
-    (server,) = (pid for pid in family if int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1]) == process.pid)
-    os.kill(server, signal.SIGKILL)
+    (server,) = (pid for pid in family if parent_of(pid) == process.pid)
+    (worker,) = (pid for pid in family if parent_of(pid) == server)
+    until(lambda: any(parent_of(pid) == worker for pid in descendants(worker)))
+    family = descendants(process.pid)
+    os.kill(process.pid if victim == "main process" else server, signal.SIGKILL)
     _, complaint = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 1
-    assert complaint.strip() == "the server of the worker processes has ended; run again with --resume to do what is missing"
+    if victim == "server":
+        assert process.returncode == 1
+        assert complaint.strip() == "the server of the worker processes has ended; run again with --resume to do what is missing"
     until(lambda: not any(alive(pid) for pid in family))
-    assert not list((tmp_path / "temporary").iterdir())
+    until(lambda: not list((tmp_path / "temporary").iterdir()))
+    assert decided(tmp_path / "results") == 2, "a task that was under way has no outcome"
 
 
 def test_resuming_a_finished_run_changes_nothing(make_suite: MakeSuite, tmp_path: Path) -> None:

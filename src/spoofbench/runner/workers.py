@@ -98,6 +98,7 @@ class Worker:
     def __init__(self, talk: Talk, status: Connection) -> None:
         self.talk = talk
         self._status = status
+        self._ended = False
         self._pid = self._number()
 
     def __enter__(self) -> Self:
@@ -144,19 +145,21 @@ class Worker:
 
     def end(self) -> None:
         """End the process and its group, and wait until they are gone."""
-        if not self._status.closed and not self._status.poll():
+        if self._status.closed:
+            return
+        if not self._ended and not (self._status.poll() and os.read(self._status.fileno(), NUMBER.size)):
             for kill in (os.killpg, os.kill):  # it may not have its group yet
                 with contextlib.suppress(ProcessLookupError, PermissionError):
                     kill(self._pid, signal.SIGKILL)
-        self.talk.connection.close()
-        if not self._status.closed:
             wait([self._status], _GRACE_S)
-            self._status.close()
+        self.talk.connection.close()
+        self._status.close()
 
     def _ending(self) -> str:
         if not wait([self._status], _GRACE_S):
             return "it closed the connection of its process"
         code = os.waitstatus_to_exitcode(self._number())
+        self._ended = True
         if code < 0:
             return f"its process was ended by {signal.Signals(-code).name}"
         return f"its process ended with exit status {code} before it had answered"

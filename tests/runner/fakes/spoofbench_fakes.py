@@ -64,11 +64,12 @@ class Raises(Steady):
 
 @dataclass(frozen=True)
 class Sleeps(Steady):
-    """Never answers, and does not listen to polite signals."""
+    """Never answers, does not listen to polite signals, and has somebody wait with it."""
 
     def detect(self, recording: Recording) -> Decisions:
         import signal
 
+        subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         while True:
             time.sleep(60)
