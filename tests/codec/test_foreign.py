@@ -198,6 +198,15 @@ def test_negative_numbers_in_variable_width(officially_read: Any, tmp_path: Path
     assert read(path)["/a/gnss/observation"]["frequency_slot"].tolist() == [-time for time in range(400)]
 
 
+def test_a_number_that_looks_like_the_next_tag(officially_read: Any, tmp_path: Path) -> None:
+    """Both messages take five bytes, and the second byte of the one's long number is the tag of the other's second field."""
+    observation = message_class("someone.Observation", ("frequency_slot", 1, "INT32"), ("receive_time_ns", 2, "INT64"))
+    short_long, long_short = {"frequency_slot": 5, "receive_time_ns": 300}, {"frequency_slot": 0x10 << 7 | 5, "receive_time_ns": 3}
+    rows = [(time, "/a/gnss/observation", observation(**(long_short if time % 3 else short_long))) for time in range(100)]
+    path = save(tmp_path / "a.mcap", rows)
+    assert read(path)["/a/gnss/observation"] == officially_read(path, "/a/gnss/observation")
+
+
 def test_the_last_member_of_a_oneof_counts(officially_read: Any, tmp_path: Path) -> None:
     baro = message_class("someone.Baro", ("pressure_pa", 1, "DOUBLE", "one"), ("temperature_degc", 2, "DOUBLE", "one"))
     both = baro(pressure_pa=1.0).SerializeToString() + baro(temperature_degc=2.0).SerializeToString()

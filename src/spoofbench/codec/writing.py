@@ -73,7 +73,7 @@ class Writer:
         self._payload: list[NDArray[np.uint8]] = []
         self._filled = 0
         self._index: dict[int, list[NDArray[Any]]] = defaultdict(list)
-        self._under_way: deque[_Chunk] = deque()
+        self._under_way: deque[Future[None]] = deque()
         self._chunks: list[ChunkIndex] = []
         self._counts: dict[int, int] = {}
         self._offset = 0
@@ -84,6 +84,7 @@ class Writer:
         except OSError as error:
             raise RecordingError(f"{str(self._path)!r} cannot be written: {error.strerror}; choose a folder that exists") from error
         self._pool = ThreadPoolExecutor(_THREADS)
+        self._in_order = ThreadPoolExecutor(1)
         self._put(MCAP0_MAGIC)
         self._put_records(Header("", f"spoofbench {__version__}"))
         return self
@@ -95,7 +96,8 @@ class Writer:
                 self._stream.close()
                 self._temporary.replace(self._path)
         finally:
-            self._pool.shutdown(cancel_futures=True)
+            for pool in (self._in_order, self._pool):
+                pool.shutdown(cancel_futures=True)
             self._stream.close()
             self._temporary.unlink(missing_ok=True)
 
@@ -198,15 +200,16 @@ class Writer:
         spans = [(int(part["time"].min()), int(part["time"].max())) for parts in self._index.values() for part in parts]
         span = min(first for first, _ in spans), max(last for _, last in spans)
         index = {channel: b"".join(part.tobytes() for part in parts) for channel, parts in sorted(self._index.items())}
-        self._under_way.append(_Chunk(self._pool.submit(self._compress, payload), payload.size, span, index))
+        chunk = _Chunk(self._pool.submit(self._compress, payload), payload.size, span, index)
+        self._under_way.append(self._in_order.submit(self._put_chunk, chunk))
         self._payload, self._filled = [], 0
         self._index.clear()
         self._drain(2 * _THREADS)
 
     def _drain(self, most: int) -> None:
-        """Write finished chunks until at most so many are under way."""
+        """Wait until at most so many chunks are on their way to the file."""
         while len(self._under_way) > most:
-            self._put_chunk(self._under_way.popleft())
+            self._under_way.popleft().result()
 
     def _put_chunk(self, chunk: _Chunk) -> None:
         crc, data = chunk.compressed.result()
@@ -258,9 +261,12 @@ class Writer:
         self._put(encoded(*records))
 
     def _put(self, *pieces: Any) -> None:
-        for piece in pieces:
-            self._stream.write(piece)
-            self._offset += len(piece)
+        try:
+            for piece in pieces:
+                self._stream.write(piece)
+                self._offset += len(piece)
+        except OSError as error:
+            raise RecordingError(f"{str(self._path)!r} cannot be written: {error.strerror}") from error
 
 
 class _Compress:
