@@ -18,7 +18,7 @@ from spoofbench.attacks.laws import differing
 from spoofbench.attacks.predicting import Extrapolate, ExtrapolateSmooth
 from spoofbench.attacks.replaying import Meacon, RepeatBack, Replay
 from spoofbench.errors import NotApplicable, PluginError
-from spoofbench.recording import Interval, Recording, Table
+from spoofbench.recording import Column, Interval, Recording, Table
 from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
 from spoofbench.testing import drive
 
@@ -45,7 +45,7 @@ def recordings(draw: st.DrawFn) -> Recording:
     recording = _drive(draw(st.integers(0, 2)))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     lost, blank = draw(st.sampled_from([0.0, 0.1, 0.5])), draw(st.sampled_from([0.0, 0.2]))
-    dropped = draw(st.sets(st.sampled_from(["lat_deg", "height_m", "vel_n_mps", "vel_d_mps", "h_acc_m", "num_sv", "gps_week"])))
+    dropped = draw(st.sets(st.sampled_from(["lat_deg", "height_m", "vel_n_mps", "vel_d_mps", "h_acc_m", "gps_week"])))
     doubled = draw(st.booleans())
     for topic in recording.topics("gnss/pvt"):
         table = recording[topic]
@@ -57,7 +57,10 @@ def recordings(draw: st.DrawFn) -> Recording:
         gone = rng.random(len(table)) < blank
         table = table.replace(**{name: np.where(gone, np.nan, table[name]) for name in ("lat_deg", "lon_deg", "vel_e_mps")})
         table = table.replace(**dict.fromkeys(dropped)).take(rng.random(len(table)) >= lost)
-        recording = recording.replace({topic: table.take(np.repeat(np.arange(len(table)), 2)) if doubled else table})
+        if doubled:
+            table = table.take(np.repeat(np.arange(len(table)), 2))
+        counts = Column(rng.integers(4, 12, len(table)), rng.random(len(table)) > blank)
+        recording = recording.replace({topic: table.replace(num_sv=counts, pdop=rng.uniform(1, 2, len(table)))})
     return recording
 
 
@@ -202,6 +205,7 @@ BROKEN: dict[str, Callable[[Recording, Interval], Any]] = {
 }
 LAWFUL: dict[str, Callable[[Recording, Interval], Any]] = {
     "raise": _with("height_m", lambda table, inside: table["height_m"] + np.pi * inside),
+    "turn": _with("course_deg", lambda table, inside: np.where(inside, 359.97, table["course_deg"])),
     "nothing": lambda clean, _: clean,
     "less than the resolution": _with("height_m", lambda table, inside: table["height_m"] + 1e-9 * inside),
 }
@@ -224,6 +228,14 @@ def test_what_is_lawful_is_rounded_and_noted() -> None:
     inside = window.covers(table.time_ns)
     assert np.array_equal(table["height_m"], np.round(table["height_m"], 3), equal_nan=True)
     assert np.allclose((table["height_m"] - clean[PVT]["height_m"])[inside], np.pi, atol=6e-4, equal_nan=True)
+
+
+def test_a_course_is_rounded_round() -> None:
+    clean = _drive()
+    table = clean[PVT]
+    clean = clean.replace({PVT: Table("gnss/pvt", table.time_ns, {"course_deg": np.round(np.arange(len(table)) % 360 + 0.1, 1)})})
+    courses = falsify("stranger", Stranger("turn"), clean, _window(clean), 0)[PVT].between(_window(clean))["course_deg"]
+    assert np.all(courses == 0)
 
 
 @pytest.mark.parametrize("does", ["nothing", "less than the resolution"])

@@ -69,6 +69,22 @@ def test_smoothing_averages_the_last_seconds() -> None:
         assert np.allclose(smooth[name], expected, atol=1e-6)
 
 
+def _deleted_s(attack: Attack, clean: Recording) -> list[int]:
+    variant = falsify("any", attack, clean, WINDOW, 0)
+    return sorted(int(t / 1e9) for t in set(clean[PVT].time_ns.tolist()) - set(variant[PVT].time_ns.tolist()))
+
+
+def test_what_cannot_be_predicted_is_deleted() -> None:
+    clean = _swaying(1.0)
+    table = clean[PVT]
+    gap = clean.replace({PVT: table.take((table.time_ns < 50e9) | (table.time_ns >= 53e9))})
+    assert _deleted_s(Extrapolate(), gap) == [53, 54]
+    assert _deleted_s(ExtrapolateSmooth(smooth_s=4.0), gap) == [53, 54, 55, 56, 57]
+    blind = table.time_ns // 10**9 == 50
+    without_fix = clean.replace({PVT: table.replace(**{name: np.where(blind, np.nan, table[name]) for name in table})})
+    assert _deleted_s(Extrapolate(), without_fix) == [53]  # 52 has no fix, as its delayed row
+
+
 @pytest.mark.parametrize("attack", [Extrapolate(2.0), ExtrapolateSmooth(2.0), ZeroAcceleration(1.0), ZeroAcceleration(0.4), DragOff(3.0)])
 def test_position_is_the_integral_of_velocity(attack: Attack) -> None:
     table = _inside(falsify("any", attack, _swaying(), WINDOW, 0), WINDOW)

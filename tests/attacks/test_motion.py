@@ -57,6 +57,13 @@ def test_speed_and_course_stand_in_for_velocity() -> None:
     assert np.allclose((turned["course_deg"] - course)[fast] % 360, 180)
 
 
+def test_a_receiver_without_course_stands_still() -> None:
+    n = np.arange(5)
+    table = Table("gnss/pvt", n * 10**9, {"speed_mps": np.array([0, 0, 0, 2.0, 2.0]), "course_deg": np.array([np.nan] * 4 + [90.0])})
+    rate = motion_of(table).rate[:, :2] * metres_per_unit(motion_of(table).position)[:, :2]
+    assert np.allclose(rate, [[0, 0], [0, 0], [0, 0], [np.nan, np.nan], [0, 2]], equal_nan=True)
+
+
 def test_heights_move_together_and_velocity_fields_agree() -> None:
     table = _pvt()
     table = table.replace(

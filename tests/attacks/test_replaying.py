@@ -120,6 +120,19 @@ def test_sources_of_other_names_match_primary_to_primary() -> None:
     assert set(variant[PVT].between(_window(clean, 60, 80))["lat_deg"].tolist()) <= {*other[PVT]["lat_deg"].tolist()}
 
 
+def test_each_source_is_aligned_with_its_donor() -> None:
+    clean, donor = drive(5, 120.0, second_sources=True), drive(6, 120.0, flaws=False, second_sources=True)
+    topic = "/gnss1/gnss/pvt"
+    table = donor[topic]
+    columns = {name: table.column(name) for name in table if name != "num_sv"}
+    # half an epoch out of step with the primary, where jitter would swap the nearest rows
+    donor = donor.replace({topic: Table("gnss/pvt", table.time_ns + 10**8, {**columns, "num_sv": np.arange(len(table))})})
+    window = _window(clean, 60, 80)
+    rows = falsify("meacon", Meacon(), clean, window, 0, [donor])[topic].between(window)["num_sv"].astype(int)
+    assert rows.size >= 99
+    assert np.all(np.diff(rows) == 1)
+
+
 def test_a_donor_that_lacks_a_field_is_refused() -> None:
     clean, other = drive(5, 120.0), drive(6, 120.0)
     donor = other.replace({PVT: other[PVT].replace(h_acc_m=None)})
