@@ -235,6 +235,19 @@ def test_repeated_fields_of_one_message_take_the_last_value(tmp_path: Path) -> N
     assert set(read(tmp_path / "a.mcap")["/a/baro"]["pressure_pa"].tolist()) == {2.0}
 
 
+def test_messages_of_a_million_unknown_fields(tmp_path: Path) -> None:
+    baro = GetMessageClass(KINDS["baro"].message)
+    crowded = baro(pressure_pa=1.0).SerializeToString() + b"\x38\x01" * 1_000_000
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = mcap.writer.Writer(stream)
+        writer.start()
+        channel = writer.register_channel("/a/baro", "protobuf", register_schema(writer, baro))
+        for time in range(3):
+            writer.add_message(channel, time, crowded, time)
+        writer.finish()
+    assert read(tmp_path / "a.mcap")["/a/baro"]["pressure_pa"].tolist() == [1.0] * 3
+
+
 def test_rows_out_of_order_come_in_the_order_of_time(tmp_path: Path) -> None:
     mag = GetMessageClass(KINDS["mag"].message)
     times = np.random.default_rng(3).integers(0, 50, 500).tolist()

@@ -215,12 +215,12 @@ def unpack(buffer: NDArray[np.uint8], chunk: Chunk) -> NDArray[np.uint8]:
 def _decompress(data: NDArray[np.uint8], chunk: Chunk) -> NDArray[np.uint8]:
     if chunk.compression == "":
         return data
+    if not chunk.size:
+        return np.empty(0, np.uint8)
     if chunk.compression == "zstd":
         declared = zstandard.frame_content_size(data.data)
         if declared not in (-1, chunk.size):
             raise FormatError(f"the chunk at byte {chunk.offset} declares {chunk.size!r} bytes but its zstd frame {declared!r}")
-        if not chunk.size:
-            return np.empty(0, np.uint8)
         if not hasattr(_own, "zstd"):
             _own.zstd = zstandard.ZstdDecompressor()
         return np.frombuffer(_own.zstd.decompress(data, max_output_size=chunk.size), np.uint8)

@@ -14,6 +14,7 @@ from google.protobuf.descriptor import FieldDescriptor
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from spoofbench.codec.protobuf import DELIMITED, FIXED32, FIXED64, VARINT
 from spoofbench.errors import RecordingError
 from spoofbench.recording import Table
 from spoofbench.schema import Field
@@ -30,8 +31,7 @@ INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
 """An entry of a message index: log time, and where the record starts in the unpacked chunk."""
 
 _ABSENT = -1
-_VARINT, _FIXED64, _DELIMITED, _FIXED32 = 0, 1, 2, 5
-_WIRE_TYPES = {"<f8": _FIXED64, "<i8": _FIXED64, "<u8": _FIXED64, "<f4": _FIXED32, "<i4": _FIXED32, "<u4": _FIXED32}
+_WIRE_TYPES = {"<f8": FIXED64, "<i8": FIXED64, "<u8": FIXED64, "<f4": FIXED32, "<i4": FIXED32, "<u4": FIXED32}
 
 
 class Rows(Protocol):
@@ -193,8 +193,8 @@ def place(out: NDArray[np.uint8], starts: NDArray[np.int64], block: NDArray[np.u
 def _prefix(field: Field, width: int) -> bytes:
     """Tag of a field, and length where it is text or bytes."""
     if field.category in ("text", "bytes"):
-        return varint(field.number << 3 | _DELIMITED) + varint(width)
-    wire_type = _VARINT if field.category in ("boolean", "enum") else _WIRE_TYPES[np.dtype(field.dtype).newbyteorder("<").str]
+        return varint(field.number << 3 | DELIMITED) + varint(width)
+    wire_type = VARINT if field.category in ("boolean", "enum") else _WIRE_TYPES[np.dtype(field.dtype).newbyteorder("<").str]
     return varint(field.number << 3 | wire_type)
 
 

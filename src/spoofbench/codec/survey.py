@@ -1,5 +1,6 @@
 """What a file holds: its chunks and loose messages in file order, channels, metadata and damage."""
 
+import struct
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,15 +19,16 @@ from spoofbench.codec.container import (
     Limits,
     Messages,
     chunk_contents,
-    gather,
     map_file,
     messages_at,
     parse,
     parse_chunk,
     record_starts,
 )
+from spoofbench.codec.packing import INDEX_ENTRY
 from spoofbench.errors import FormatError, LimitError
 
+_INDEX = struct.Struct("<HI")
 _FOOTER_BYTES = RECORD.size + 20 + len(MCAP0_MAGIC)
 
 
@@ -164,11 +166,11 @@ def _visit_index(found: Survey, start: int, length: int) -> None:
     """Note a message index as a hint for the chunk before it; one that makes no sense is no hint."""
     chunk = found.sections[-1] if found.sections else None
     begin = start + RECORD.size
-    if isinstance(chunk, ChunkSection) and length >= 6:
-        channel, entries = gather(found.buffer, "<u2", np.array([begin]))[0], gather(found.buffer, "<u4", np.array([begin + 2]))[0]
-        if entries % 16 == 0 and 0 < entries <= length - 6:
-            chunk.channels.add(int(channel))
-            chunk.indexes.append((int(channel), slice(begin + 6, begin + 6 + int(entries))))
+    if isinstance(chunk, ChunkSection) and length >= _INDEX.size:
+        channel, size = _INDEX.unpack_from(found.buffer.data, begin)
+        if size % INDEX_ENTRY.itemsize == 0 and 0 < size <= length - _INDEX.size:
+            chunk.channels.add(channel)
+            chunk.indexes.append((channel, slice(begin + _INDEX.size, begin + _INDEX.size + size)))
 
 
 def _visit_text(found: Survey, opcode: int, start: int) -> None:

@@ -121,7 +121,7 @@ class Writer:
                     raise RecordingError(f"metadata {name!r} holds {value!r} under {key!r}, which must be text")
             self._metadata[name] = dict(sorted(record.items()))
 
-    def add_all(self, recording: Recording) -> None:
+    def _add_merged(self, recording: Recording) -> None:
         """Write all topics' rows in the order of time; at equal times topics follow each other by name."""
         self._append([rows for topic in recording for rows in self._rows(topic, recording[topic])])
 
@@ -303,4 +303,4 @@ def write(recording: Recording, path: Path, *, compression: Compression = "zstd"
     """
     with Writer(path, compression=compression, level=level) as writer:
         writer.describe(recording.metadata)
-        writer.add_all(recording)
+        writer._add_merged(recording)
