@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from spoofbench import plugins
@@ -18,6 +18,7 @@ from spoofbench.runner import identity
 from spoofbench.runner.planning import Part, PlannedTask, Survey, plan
 from spoofbench.suite import AttackEntry, DetectorEntry, Limits, RecordingEntry, Suite
 
+UNTIMED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 DIGESTS = st.sampled_from("0123456789abcdef").map(lambda letter: letter * 64)
 LABELS = st.text("abcxyz-", min_size=1, max_size=4).map(lambda text: f"n{text}")
 PARAMETERS = st.dictionaries(
@@ -73,6 +74,7 @@ def planned(given: dict[str, Any]) -> tuple[PlannedTask, PlannedTask]:
     return clean, attacked
 
 
+@UNTIMED
 @given(inputs())
 def test_equal_inputs_have_equal_ids(given: dict[str, Any]) -> None:
     copy = json.loads(json.dumps(given))
@@ -80,6 +82,7 @@ def test_equal_inputs_have_equal_ids(given: dict[str, Any]) -> None:
         assert (one.id, one.variant.id, one.variant.number) == (other.id, other.variant.id, other.variant.number)
 
 
+@UNTIMED
 @given(inputs(), inputs(), st.data())
 def test_any_changed_input_changes_the_id_and_only_where_it_matters(
     one: dict[str, Any], other: dict[str, Any], data: st.DataObject

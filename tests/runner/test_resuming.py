@@ -1,11 +1,12 @@
 """A run that was killed goes on where it stood, and ends as if nothing had happened."""
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from spoofbench.runner import run
 from spoofbench.suite import AttackEntry, DetectorEntry, Suite
 
 MakeSuite = Callable[..., Suite]
+Start = Callable[[Suite, Path], "subprocess.Popen[str]"]
 PATIENCE_S = 60.0
 needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc")
 
@@ -50,19 +52,19 @@ def alive(pid: int) -> bool:
         return False
 
 
-def descendants(pid: int) -> list[int]:
-    children: dict[int, list[int]] = {}
+def children(pid: int) -> list[int]:
+    found = []
     for path in Path("/proc").glob("[0-9]*"):
         try:
-            children.setdefault(int((path / "stat").read_text().rsplit(")", 1)[1].split()[1]), []).append(int(path.name))
+            parent = int((path / "stat").read_text().rsplit(")", 1)[1].split()[1])
         except OSError:
             continue
-    found, todo = [], [pid]
-    while todo:
-        new = children.get(todo.pop(), [])
-        found += new
-        todo += new
+        found += [int(path.name)] if parent == pid else []
     return found
+
+
+def descendants(pid: int) -> list[int]:
+    return [pid for child in children(pid) for pid in (child, *descendants(child))]
 
 
 @pytest.fixture(scope="module")
@@ -78,14 +80,25 @@ def unbroken(slow: Suite, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def start(suite: Suite, folder: Path, tmp_path: Path) -> "subprocess.Popen[str]":
-    import pickle
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Start a run in a process of its own."""
+    started = []
 
-    (tmp_path / "suite.pickle").write_bytes(pickle.dumps(suite))
-    (tmp_path / "temporary").mkdir(exist_ok=True)
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": str(tmp_path / "temporary")}
-    command = [sys.executable, "-c", SCRIPT, str(tmp_path / "suite.pickle"), str(folder)]
-    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    def start(suite: Suite, folder: Path) -> "subprocess.Popen[str]":
+        (tmp_path / "suite.pickle").write_bytes(pickle.dumps(suite))
+        (tmp_path / "temporary").mkdir(exist_ok=True)
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": str(tmp_path / "temporary")}
+        command = [sys.executable, "-c", SCRIPT, str(tmp_path / "suite.pickle"), str(folder)]
+        started.append(subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+        if process.stderr:
+            process.stderr.close()
 
 
 def decided(folder: Path) -> int:
@@ -94,9 +107,11 @@ def decided(folder: Path) -> int:
 
 @needs_proc
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-def test_a_killed_and_resumed_run_equals_an_unbroken_one(slow: Suite, unbroken: Path, tmp_path: Path, number: signal.Signals) -> None:
+def test_a_killed_and_resumed_run_equals_an_unbroken_one(
+    slow: Suite, unbroken: Path, start: Start, tmp_path: Path, number: signal.Signals
+) -> None:
     broken = tmp_path / "broken"
-    process = start(slow, broken, tmp_path)
+    process = start(slow, broken)
     until(lambda: decided(broken) >= 3)
     family = descendants(process.pid)
     process.send_signal(number)
@@ -113,19 +128,13 @@ def test_a_killed_and_resumed_run_equals_an_unbroken_one(slow: Suite, unbroken: 
     assert len(read_parquet(broken / "costs.parquet")) == len(read_tasks(broken))
 
 
-def parent_of(pid: int) -> int:
-    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
-
-
 @needs_proc
 @pytest.mark.parametrize("victim", ["main process", "server"])
-def test_workers_that_never_answer_die_with_whoever_is_killed(make_suite: MakeSuite, tmp_path: Path, victim: str) -> None:
-    process = start(make_suite(["sleeps", "steady"]), tmp_path / "results", tmp_path)
+def test_workers_that_never_answer_die_with_whoever_is_killed(make_suite: MakeSuite, start: Start, tmp_path: Path, victim: str) -> None:
+    process = start(make_suite(["sleeps", "steady"]), tmp_path / "results")
     until(lambda: decided(tmp_path / "results") == 2)  # steady is done, so the other worker sleeps
-    family = descendants(process.pid)
-    (server,) = (pid for pid in family if parent_of(pid) == process.pid)
-    (worker,) = (pid for pid in family if parent_of(pid) == server)
-    until(lambda: any(parent_of(pid) == worker for pid in descendants(worker)))
+    (server,) = children(process.pid)
+    until(lambda: len(children(server)) == 1 and bool(descendants(children(server)[0])))
     family = descendants(process.pid)
     os.kill(process.pid if victim == "main process" else server, signal.SIGKILL)
     _, complaint = process.communicate(timeout=PATIENCE_S)

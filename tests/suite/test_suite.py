@@ -5,7 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spoofbench.errors import SuiteError
@@ -137,6 +137,7 @@ def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
         load_suite(path)
 
 
+@settings(deadline=None)
 @given(st.text(max_size=20))
 def test_an_id_is_safe_as_a_file_name_or_refused(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
     quoted = "".join(f"\\U{ord(letter):08x}" for letter in name if not 0xD800 <= ord(letter) <= 0xDFFF)

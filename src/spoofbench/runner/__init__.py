@@ -22,7 +22,7 @@ from spoofbench import plugins
 from spoofbench.results import write_run, write_tasks
 from spoofbench.runner import identity
 from spoofbench.runner.execution import Job, Preparation, describe
-from spoofbench.runner.ledger import Ledger, open_folder
+from spoofbench.runner.ledger import Ledger, check_folder
 from spoofbench.runner.planning import Part
 from spoofbench.runner.workers import Server
 from spoofbench.scoring.folder import score_folder
@@ -55,13 +55,13 @@ def run(
     for group, entries in ((plugins.ATTACKS, suite.attacks), (plugins.DETECTORS, suite.detectors)):
         for entry in entries:
             plugins.find(group, entry.plugin)
-    open_folder(folder, suite.name, resume=resume)
+    check_folder(folder, suite.name, resume=resume)
     width = max(1, workers or os.cpu_count() or 1)
     total = len(suite.detectors) * sum(1 + len(suite.seeds) * len(suite.attacks_on(entry.id)) for entry in suite.recordings)
-    ledger = Ledger(folder, total, retry_failed=retry_failed, progress=progress)
     with ThreadPoolExecutor(width) as pool, Server() as server:
         attacks = list(pool.map(lambda entry: describe(server, suite, plugins.ATTACKS, entry), suite.attacks))
         detectors = list(pool.map(lambda entry: describe(server, suite, plugins.DETECTORS, entry), suite.detectors))
+        ledger = Ledger(folder, suite.name, total, retry_failed=retry_failed, progress=progress)
         preparations = [Preparation(server, suite, entry, ledger) for entry in suite.recordings]
         _execute(pool, preparations, width, attacks, detectors)
     tasks = [task for preparation in preparations for task in preparation.tasks]

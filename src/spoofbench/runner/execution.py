@@ -67,9 +67,10 @@ class Preparation:
             wanted = {task.variant.id: task.variant for task in missing if not task.variant.problem}
             made = self._make(worker, list(wanted.values()))
         while len(made) < len(wanted):
-            worker, _ = self._surveyed([attack for attack in attacks if attack.entry.id not in self.survey.unfit])
+            left = [variant for variant in wanted.values() if variant.id not in made]
+            worker, again = self._surveyed([attack for attack in attacks if attack.entry.id not in self.survey.unfit])
             with worker:
-                made |= self._make(worker, [variant for variant in wanted.values() if variant.id not in made])
+                made |= {variant.id: again.problem for variant in left} if again.problem else self._make(worker, left)
         return self._groups(self._settle(missing, made), detectors)
 
     def _surveyed(self, attacks: Sequence[Part]) -> tuple[Worker, Survey]:
@@ -116,6 +117,8 @@ class Preparation:
     def _make(self, worker: Worker, variants: Sequence[Variant]) -> dict[str, frozenset[str] | Problem]:
         """Have variants made; return the kinds of each, or why there is none, up to one that the worker did not survive."""
         made: dict[str, frozenset[str] | Problem] = {}
+        if not variants:
+            return made
         worker.say(variants=[_wanted(variant) for variant in variants])
         for variant in variants:
             try:

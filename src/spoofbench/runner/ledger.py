@@ -25,8 +25,8 @@ class Cost:
     memory_mb: float | None
 
 
-def open_folder(folder: Path, name: str, *, resume: bool) -> None:
-    """Make a results folder, or see that an old one may be resumed.
+def check_folder(folder: Path, name: str, *, resume: bool) -> None:
+    """Make a folder for results, or see that those of an old one may be resumed.
 
     Raises:
         ResultsError: there are results and ``resume`` is not set, or they are another suite's.
@@ -38,7 +38,6 @@ def open_folder(folder: Path, name: str, *, resume: bool) -> None:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ResultsError(f"{str(folder)!r} cannot be made a results folder: {error.strerror}") from error
-        write_run(folder, {"suite": {"name": name}})
         return
     if not resume:
         raise ResultsError(f"{str(folder)!r} has results already; resume them with --resume or choose another folder")
@@ -50,12 +49,14 @@ def open_folder(folder: Path, name: str, *, resume: bool) -> None:
 class Ledger:
     """Writes outcomes as they come, from any thread."""
 
-    def __init__(self, folder: Path, total: int, *, retry_failed: bool, progress: Callable[[float], None] | None) -> None:
+    def __init__(self, folder: Path, name: str, total: int, *, retry_failed: bool, progress: Callable[[float], None] | None) -> None:
         self.folder = folder
         self.found: dict[str, tuple[Status, str | None]] = {}
         self._costs: dict[str, Cost] = {}
         self._total, self._retry_failed, self._progress = total, retry_failed, progress
         self._lock = threading.Lock()
+        if not (folder / "run.json").exists():
+            write_run(folder, {"suite": {"name": name}})
         with contextlib.suppress(ResultsError):  # costs are the one thing that may be lost
             for row in read_parquet(folder / "costs.parquet").to_pylist():
                 self._costs[row["task_id"]] = Cost(row["seconds"], row["memory_mb"])

@@ -23,7 +23,15 @@ from spoofbench.runner.talk import Talk
 _KEPT_ENVIRONMENT = (
     "PATH", "HOME", "LANG", "LC_ALL", "LC_CTYPE", "TZ", "TMPDIR", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "VIRTUAL_ENV"
 )  # fmt: skip
-_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+_SETTINGS = {
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMEXPR_NUM_THREADS": "1",
+    "ARROW_DEFAULT_MEMORY_POOL": "system",  # its own pool reserves a gigabyte of address space, and that is what is limited
+    "MALLOC_ARENA_MAX": "2",  # so does every thread's arena, in parts of 64 MB
+    "PYTHONHASHSEED": "0",
+}
 _GRACE_S = 10.0
 _T = TypeVar("_T")
 
@@ -45,7 +53,7 @@ class Server:
         self._lock = threading.Lock()
         search = [str(Path(entry).absolute()) for entry in sys.path]
         environment = {name: os.environ[name] for name in _KEPT_ENVIRONMENT if name in os.environ}
-        environment |= dict.fromkeys(_THREADS, "1") | {"PYTHONHASHSEED": "0", "PYTHONPATH": os.pathsep.join(search)}
+        environment |= _SETTINGS | {"PYTHONPATH": os.pathsep.join(search)}
         with theirs:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "spoofbench.runner", str(theirs.fileno()), str(os.getpid())],
