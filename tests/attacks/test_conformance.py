@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from spoofbench.testing.attacks import attack_checks
+from spoofbench.testing import attack_checks
 
 
 @attack_checks("replay")

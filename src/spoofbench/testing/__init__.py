@@ -7,11 +7,13 @@ Three lines hold a detector to its contract::
     @detector_checks("my-detector", threshold=3.0)
     def test_conformance(check): check()
 
-Without pytest, :func:`run_checks` returns the same checks' results.
+:func:`attack_checks` does the same for an attack. Without pytest, :func:`run_checks` and :func:`run_attack_checks`
+return the same checks' results.
 """
 
-from spoofbench.testing.detectors import CheckResult, detector_checks, run_checks
+from spoofbench.testing.attacks import attack_checks, run_attack_checks
+from spoofbench.testing.checking import CheckFailed, CheckResult
+from spoofbench.testing.detectors import detector_checks, run_checks
 from spoofbench.testing.recordings import drive, spoofed_drive
-from spoofbench.testing.subject import CheckFailed
 
-__all__ = ["CheckFailed", "CheckResult", "detector_checks", "drive", "run_checks", "spoofed_drive"]
+__all__ = ["CheckFailed", "CheckResult", "attack_checks", "detector_checks", "drive", "run_attack_checks", "run_checks", "spoofed_drive"]

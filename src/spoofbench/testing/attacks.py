@@ -2,15 +2,13 @@
 
 Three lines hold an attack to its contract::
 
-    from spoofbench.testing.attacks import attack_checks
+    from spoofbench.testing import attack_checks
 
     @attack_checks("my-attack", strength=2.0)
     def test_conformance(check): check()
 """
 
-import dataclasses
 import pickle
-import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,8 +25,7 @@ from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording, Table
 from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
 from spoofbench.testing.attack_material import examples, inner, poor
-from spoofbench.testing.detectors import CheckResult
-from spoofbench.testing.subject import CheckFailed
+from spoofbench.testing.checking import Check, CheckFailed, CheckResult, global_seed, parametrised, require
 
 if TYPE_CHECKING:
     import pytest
@@ -87,25 +84,6 @@ class Subject:
         return tuple(made)
 
 
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One law, ready to be called.
-
-    Raises:
-        CheckFailed: the attack breaks the law.
-        PluginError: the attack breaks a law that :func:`spoofbench.attacks.contract.falsify` enforces.
-    """
-
-    law: Callable[[Subject], None]
-    subject: Subject
-
-    def __call__(self) -> None:
-        self.law(self.subject)
-
-    def __str__(self) -> str:
-        return self.law.__name__
-
-
 def attack_checks(attack: str | Attack, **parameters: Any) -> "pytest.MarkDecorator":
     """Parametrise a test's argument ``check`` with all checks of an attack.
 
@@ -113,10 +91,7 @@ def attack_checks(attack: str | Attack, **parameters: Any) -> "pytest.MarkDecora
         attack: name of an entry point of ``spoofbench.attacks``, or an instance.
         parameters: of the entry point's dataclass.
     """
-    import pytest
-
-    subject = Subject(attack, MappingProxyType(parameters))
-    return pytest.mark.parametrize("check", [Check(law, subject) for law in LAWS], ids=str)
+    return parametrised(LAWS, Subject(attack, MappingProxyType(parameters)))
 
 
 def run_attack_checks(attack: str | Attack, parameters: Mapping[str, Any] = MappingProxyType({})) -> list[CheckResult]:
@@ -127,38 +102,23 @@ def run_attack_checks(attack: str | Attack, parameters: Mapping[str, Any] = Mapp
     """
     subject = Subject(attack, parameters)
     _ = subject.attack
-    return [_result(Check(law, subject)) for law in LAWS]
-
-
-def _result(check: Check) -> CheckResult:
-    try:
-        check()
-    except CheckFailed as failure:
-        return CheckResult(str(check), False, str(failure))
-    except Exception as error:  # noqa: BLE001  a plugin may raise anything
-        return CheckResult(str(check), False, f"{type(error).__name__}: {error}")
-    return CheckResult(str(check), True, None)
-
-
-def _require(condition: bool, reason: str) -> None:
-    if not condition:
-        raise CheckFailed(reason)
+    return [Check(law, subject).result() for law in LAWS]
 
 
 def is_a_frozen_dataclass(subject: Subject) -> None:
     """It is a frozen dataclass whose parameters JSON can hold, and it models GNSS-derived kinds."""
     attack: Any = subject.attack
     parameters_of(subject.name, attack)
-    _require(attack.__dataclass_params__.frozen, f"{type(attack).__name__} is not frozen: write @dataclass(frozen=True)")
+    require(attack.__dataclass_params__.frozen, f"{type(attack).__name__} is not frozen: write @dataclass(frozen=True)")
     for name in ("attack_class", "level", "strength_unit"):
         text = getattr(attack, name)
-        _require(isinstance(text, str) and bool(text), f"{name} must be a text, not {text!r}")
-    _require(bool(attack.models), "models is empty: an attack must change at least one kind")
+        require(isinstance(text, str) and bool(text), f"{name} must be a text, not {text!r}")
+    require(bool(attack.models), "models is empty: an attack must change at least one kind")
 
 
 def attacks(subject: Subject) -> None:
     """It can be made on at least one example, and keeps the laws that the harness enforces on all of them."""
-    _require(bool(subject.variants), f"no example can be attacked with a window of {_WINDOW_S} s: try a smaller strength")
+    require(bool(subject.variants), f"no example can be attacked with a window of {_WINDOW_S} s: try a smaller strength")
 
 
 def leaves_what_it_cannot_touch(subject: Subject) -> None:
@@ -168,24 +128,24 @@ def leaves_what_it_cannot_touch(subject: Subject) -> None:
         for topic in clean:
             kind = KINDS[split_topic(topic)[1]]
             if not kind.is_gnss_derived:
-                _require(topic in attacked and _same_rows(clean[topic], attacked[topic]), f"on {variant.name}, {topic} has changed")
+                require(topic in attacked and _same_rows(clean[topic], attacked[topic]), f"on {variant.name}, {topic} has changed")
             elif kind.name not in subject.attack.models:
-                _require(topic not in attacked, f"on {variant.name}, {topic} is still there though it is not modelled")
-        _require(attacked.metadata == clean.metadata, f"on {variant.name}, metadata have changed")
+                require(topic not in attacked, f"on {variant.name}, {topic} is still there though it is not modelled")
+        require(attacked.metadata == clean.metadata, f"on {variant.name}, metadata have changed")
 
 
 def stays_within_its_truth(subject: Subject) -> None:
     """The truth interval begins at the first and ends right after the last changed or deleted row, within the window."""
     for variant in subject.variants:
         truth = variant.attacked[TRUTH_TOPIC]
-        _require(len(truth) == 1, f"on {variant.name}, there are {len(truth)} truth rows")
+        require(len(truth) == 1, f"on {variant.name}, there are {len(truth)} truth rows")
         said = Interval(int(truth["start_ns"][0]), int(truth["end_ns"][0]))
         changed = np.concatenate([_changed_ns(variant.clean[t], variant.attacked[t]) for t in _attacked_topics(variant)])
-        _require(changed.size > 0, f"on {variant.name}, nothing has changed")
+        require(changed.size > 0, f"on {variant.name}, nothing has changed")
         found = Interval(int(changed.min()), int(changed.max()) + 1)
-        _require(said == found, f"on {variant.name}, the truth says {said!r} and the rows {found!r}")
+        require(said == found, f"on {variant.name}, the truth says {said!r} and the rows {found!r}")
         within = variant.window.start_ns <= found.start_ns and found.end_ns <= variant.window.end_ns
-        _require(within, f"on {variant.name}, {found!r} is not within the window {variant.window!r}")
+        require(within, f"on {variant.name}, {found!r} is not within the window {variant.window!r}")
 
 
 def _attacked_topics(variant: Variant) -> list[str]:
@@ -221,24 +181,16 @@ def rounds_as_the_receiver_does(subject: Subject) -> None:
                 if resolution.write is None or resolution.dust or name not in attacked:
                     continue
                 values = attacked[name][~np.isnan(attacked[name])].astype(float)
-                _require(np.array_equal(resolution.write(values), values), f"on {variant.name}, {name!r} of {topic} has other last digits")
+                require(np.array_equal(resolution.write(values), values), f"on {variant.name}, {name!r} of {topic} has other last digits")
 
 
 def is_deterministic(subject: Subject) -> None:
     """The same seed gives the same bytes, from a fresh instance and whatever the state of the global generators."""
     fresh: Attack = pickle.loads(pickle.dumps(subject.attack))
-    numpy_state, state = np.random.get_state(), random.getstate()  # noqa: NPY002
-    try:
-        for variant in subject.variants:
-            random.seed(variant.seed + 1)
-            np.random.seed(variant.seed + 1)  # noqa: NPY002
+    for variant in subject.variants:
+        with global_seed(variant.seed + 1):
             again = falsify(subject.name, fresh, variant.clean, variant.window, variant.seed, variant.donors)
-            _require(
-                again.digest() == variant.attacked.digest(), f"on {variant.name}, seed {variant.seed} gives other rows the second time"
-            )
-    finally:
-        random.setstate(state)
-        np.random.set_state(numpy_state)  # noqa: NPY002
+        require(again.digest() == variant.attacked.digest(), f"on {variant.name}, seed {variant.seed} gives other rows the second time")
 
 
 def leaves_its_arguments(subject: Subject) -> None:
@@ -247,7 +199,7 @@ def leaves_its_arguments(subject: Subject) -> None:
         given = [Recording(dict(recording), recording.metadata) for recording in (variant.clean, *variant.donors)]
         subject.attack.apply(given[0], variant.window, np.random.default_rng(variant.seed), given[1:])
         for recording, same in zip(given, (variant.clean, *variant.donors), strict=True):
-            _require(recording.digest() == same.digest(), f"on {variant.name}, the attack alters the recordings that it is given")
+            require(recording.digest() == same.digest(), f"on {variant.name}, the attack alters the recordings that it is given")
 
 
 def says_when_it_cannot_be_made(subject: Subject) -> None:
@@ -267,8 +219,7 @@ def says_when_it_cannot_be_made(subject: Subject) -> None:
 def pickles(subject: Subject) -> None:
     """It can go to another process and is equal there."""
     copied = pickle.loads(pickle.dumps(subject.attack))
-    _require(copied == subject.attack, f"{subject.attack!r} comes back from pickle as {copied!r}")
-    _require(dataclasses.is_dataclass(copied), f"{subject.attack!r} comes back from pickle as something else")
+    require(copied == subject.attack, f"{subject.attack!r} comes back from pickle as {copied!r}")
 
 
 LAWS: tuple[Callable[[Subject], None], ...] = (

@@ -7,7 +7,6 @@ import os
 import pickle
 import random
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -17,39 +16,13 @@ import numpy as np
 from spoofbench.detecting import Detector
 from spoofbench.recording import Recording, Table
 from spoofbench.schema import SENSOR_KINDS, split_topic
+from spoofbench.testing.checking import Check, CheckFailed, CheckResult, global_seed, parametrised, require
 from spoofbench.testing.futures import cuts, futures
 from spoofbench.testing.isolated import decide_alone
-from spoofbench.testing.subject import CheckFailed, Subject, decide, decide_if_possible, difference, examples, private, quiet
+from spoofbench.testing.subject import Subject, decide, decide_if_possible, difference, examples, private, quiet
 
 if TYPE_CHECKING:
     import pytest
-
-
-@dataclass(frozen=True, slots=True)
-class CheckResult:
-    """What a check said: its name, whether the detector passed, and if not, why."""
-
-    name: str
-    passed: bool
-    reason: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One law, ready to be called.
-
-    Raises:
-        CheckFailed: the detector breaks the law.
-    """
-
-    law: Callable[[Subject], None]
-    subject: Subject
-
-    def __call__(self) -> None:
-        self.law(self.subject)
-
-    def __str__(self) -> str:
-        return self.law.__name__
 
 
 def detector_checks(detector: str | Detector, /, **parameters: Any) -> "pytest.MarkDecorator":
@@ -59,10 +32,7 @@ def detector_checks(detector: str | Detector, /, **parameters: Any) -> "pytest.M
         detector: name of an entry point of ``spoofbench.detectors``, or an instance.
         parameters: of the entry point's dataclass.
     """
-    import pytest
-
-    subject = Subject(detector, MappingProxyType(parameters))
-    return pytest.mark.parametrize("check", [Check(law, subject) for law in LAWS], ids=str)
+    return parametrised(LAWS, Subject(detector, MappingProxyType(parameters)))
 
 
 def run_checks(detector: str | Detector, parameters: Mapping[str, Any] = MappingProxyType({})) -> list[CheckResult]:
@@ -73,58 +43,43 @@ def run_checks(detector: str | Detector, parameters: Mapping[str, Any] = Mapping
     """
     subject = Subject(detector, parameters)
     _ = subject.detector
-    return [_result(Check(law, subject)) for law in LAWS]
-
-
-def _result(check: Check) -> CheckResult:
-    try:
-        check()
-    except CheckFailed as failure:
-        return CheckResult(str(check), False, str(failure))
-    except Exception as error:  # noqa: BLE001  a plugin may raise anything
-        return CheckResult(str(check), False, f"{type(error).__name__}: {error}")
-    return CheckResult(str(check), True, None)
-
-
-def _require(condition: bool, reason: str) -> None:
-    if not condition:
-        raise CheckFailed(reason)
+    return [Check(law, subject).result() for law in LAWS]
 
 
 def _require_same(reason: str | None, where: str) -> None:
-    _require(reason is None, f"{where}: {reason}")
+    require(reason is None, f"{where}: {reason}")
 
 
 def is_a_frozen_dataclass(subject: Subject) -> None:
     """Loaded by its entry point it is a frozen dataclass whose parameters are named."""
     detector: Any = subject.detector
-    _require(dataclasses.is_dataclass(detector) and not isinstance(detector, type), f"{detector!r} is not an instance of a dataclass")
-    _require(detector.__dataclass_params__.frozen, f"{type(detector).__name__} is not frozen: write @dataclass(frozen=True)")
-    _require(isinstance(detector, Detector), f"{type(detector).__name__} lacks one of requires, uses, memory_s, detect")
+    require(dataclasses.is_dataclass(detector) and not isinstance(detector, type), f"{detector!r} is not an instance of a dataclass")
+    require(detector.__dataclass_params__.frozen, f"{type(detector).__name__} is not frozen: write @dataclass(frozen=True)")
+    require(isinstance(detector, Detector), f"{type(detector).__name__} lacks one of requires, uses, memory_s, detect")
     loose = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
     for parameter in inspect.signature(type(detector)).parameters.values():
-        _require(parameter.kind not in loose, f"parameter {parameter} has no name: parameters must be fields")
+        require(parameter.kind not in loose, f"parameter {parameter} has no name: parameters must be fields")
 
 
 def declares_its_needs(subject: Subject) -> None:
     """``requires`` and ``uses`` are kinds of the schema, ``memory_s`` is a finite number of seconds."""
     detector = subject.detector
     for name, kinds in (("requires", detector.requires), ("uses", detector.uses)):
-        _require(isinstance(kinds, tuple), f"{name} must be a tuple of kinds, not {kinds!r}")
+        require(isinstance(kinds, tuple), f"{name} must be a tuple of kinds, not {kinds!r}")
         for kind in kinds:
-            _require(kind in SENSOR_KINDS, f"{name} has {kind!r}, which is not one of {sorted(SENSOR_KINDS)}")
+            require(kind in SENSOR_KINDS, f"{name} has {kind!r}, which is not one of {sorted(SENSOR_KINDS)}")
     memory = detector.memory_s
     number = isinstance(memory, int | float) and not isinstance(memory, bool)
-    _require(number and math.isfinite(memory) and memory >= 0, f"memory_s must be a finite number of at least 0, not {memory!r}")
+    require(number and math.isfinite(memory) and memory >= 0, f"memory_s must be a finite number of at least 0, not {memory!r}")
 
 
 def decides(subject: Subject) -> None:
     """It gives decisions on ordinary drives, an available one at least; no score is -inf."""
     for name, decisions in subject.decided.items():
         lowest = decisions.score[decisions.available].min(initial=np.inf)
-        _require(lowest > -np.inf, f"on {name} a score is -inf: scores must be finite or +inf")
+        require(lowest > -np.inf, f"on {name} a score is -inf: scores must be finite or +inf")
     available = any(decisions.available.any() for decisions in subject.decided.values())
-    _require(available, "no decision is available on any drive of up to 240 s, so no other check means anything: try shorter time spans")
+    require(available, "no decision is available on any drive of up to 240 s, so no other check means anything: try shorter time spans")
 
 
 def keeps_causality(subject: Subject) -> None:
@@ -145,7 +100,7 @@ def leaves_the_recording(subject: Subject) -> None:
         before = _fingerprint(blind)
         with quiet():
             subject.detector.detect(blind)
-        _require(_fingerprint(blind) == before, f"detect() alters the recording of {example}")
+        require(_fingerprint(blind) == before, f"detect() alters the recording of {example}")
 
 
 def _fingerprint(recording: Recording) -> tuple[str, dict[str, dict[str, str]]]:
@@ -164,18 +119,18 @@ def keeps_no_state(subject: Subject) -> None:
 
 def leaves_the_process(subject: Subject) -> None:
     """The global random generators, numpy's error state, the folder and the environment stay as they are."""
-    with _global_seed(11):
+    with global_seed(11):
         before = _process_state()
         decide(subject.detector, examples()[0].recording)
         for name, value in _process_state().items():
-            _require(value == before[name], f"detect() changes {name} of the process")
+            require(value == before[name], f"detect() changes {name} of the process")
 
 
 def is_deterministic(subject: Subject) -> None:
     """The same twice, whatever the state of the global random generators."""
     for example in examples():
         for seed in (1, 2):
-            with _global_seed(seed):
+            with global_seed(seed):
                 reason = difference(subject.decided[example.name], decide(subject.detector, example.recording))
             _require_same(reason, f"on {example}, a second run decides otherwise")
 
@@ -186,19 +141,6 @@ def _process_state() -> dict[str, Any]:
     return {**state, "numpy's error state": np.geterr(), "the folder": os.getcwd(), "the environment": dict(os.environ)}  # noqa: PTH109
 
 
-@contextmanager
-def _global_seed(seed: int) -> Iterator[None]:
-    """Seed the global random generators, and put them back."""
-    numpy_state, state = np.random.get_state(), random.getstate()  # noqa: NPY002
-    random.seed(seed)
-    np.random.seed(seed)  # noqa: NPY002
-    try:
-        yield
-    finally:
-        random.setstate(state)
-        np.random.set_state(numpy_state)  # noqa: NPY002
-
-
 def needs_nothing_but_the_blind_recording(subject: Subject) -> None:
     """Alone with blind recordings in another process it decides the same and reaches for no file or network."""
     backwards = tuple(reversed(examples()))
@@ -206,13 +148,13 @@ def needs_nothing_but_the_blind_recording(subject: Subject) -> None:
     for example, decisions in zip(backwards, answer.decisions, strict=True):
         reason = difference(subject.decided[example.name], decisions)
         _require_same(reason, f"on {example}, it decides otherwise in a process that has the blind recording alone")
-    _require(answer.reached is None, f"detect() reaches beyond the recording: {answer.reached}")
+    require(answer.reached is None, f"detect() reaches beyond the recording: {answer.reached}")
 
 
 def pickles(subject: Subject) -> None:
     """It can go to another process and is equal there."""
     copied = pickle.loads(pickle.dumps(subject.detector))
-    _require(copied == subject.detector, f"{subject.detector!r} comes back from pickle as {copied!r}")
+    require(copied == subject.detector, f"{subject.detector!r} comes back from pickle as {copied!r}")
 
 
 def does_without_what_it_does_not_require(subject: Subject) -> None:
@@ -252,7 +194,7 @@ def survives_poor_recordings(subject: Subject) -> None:
             raise CheckFailed(f"on {name} it raises {type(error).__name__}: {error}") from error
         if decisions is not None:
             lowest = decisions.score[decisions.available].min(initial=np.inf)
-            _require(lowest > -np.inf, f"on {name} a score is -inf: scores must be finite or +inf")
+            require(lowest > -np.inf, f"on {name} a score is -inf: scores must be finite or +inf")
 
 
 def _poor(recording: Recording) -> Iterator[tuple[str, Recording]]:

@@ -18,10 +18,6 @@ from spoofbench.testing.recordings import drive, spoofed_drive
 TOLERANCE = 1e-9
 
 
-class CheckFailed(AssertionError):
-    """A detector breaks its contract; the text says how."""
-
-
 @dataclass(frozen=True, slots=True)
 class Example:
     """A recording under a name that a reason can cite."""
