@@ -80,6 +80,9 @@ def test_what_cannot_be_predicted_is_deleted() -> None:
     gap = clean.replace({PVT: table.take((table.time_ns < 50e9) | (table.time_ns >= 53e9))})
     assert _deleted_s(Extrapolate(), gap) == [53, 54]
     assert _deleted_s(ExtrapolateSmooth(smooth_s=4.0), gap) == [53, 54, 55, 56, 57]
+    one_lost = clean.replace({PVT: table.take(table.time_ns // 10**9 != 51)})
+    assert _deleted_s(Extrapolate(), one_lost) == [53]
+    assert _deleted_s(ExtrapolateSmooth(smooth_s=4.0), one_lost) == [52, 53, 54, 55, 56]
     blind = table.time_ns // 10**9 == 50
     without_fix = clean.replace({PVT: table.replace(**{name: np.where(blind, np.nan, table[name]) for name in table})})
     assert _deleted_s(Extrapolate(), without_fix) == [53]  # 52 has no fix, as its delayed row
@@ -119,6 +122,14 @@ def test_noise_stays_natural_without_acceleration() -> None:
     made, true = (_inside(r, window)["vel_d_mps"] for r in (falsify("any", ZeroAcceleration(), clean, window, 0), clean))
     made_roughness, true_roughness = (np.std(np.diff(velocity, 2)) for velocity in (made, true))
     assert 0.7 < made_roughness / true_roughness < 1.4
+
+
+def test_noise_is_neither_the_windows_own_nor_that_of_another_speed() -> None:
+    clean = _ideal(lambda t: 10 * np.maximum(t - 85, 0), lambda t: np.where(t > 85, 10.0, 0.0))
+    table = clean[PVT].take(np.abs(clean[PVT].time_ns - 85e9) > 1e9)  # no row tells of the start
+    noise = np.random.default_rng(0).normal(0, 0.1, len(table)) * (WINDOW.covers(table.time_ns) | (table.time_ns > 85e9))
+    noisy = clean.replace({PVT: table.replace(vel_n_mps=table["vel_n_mps"] + noise)})
+    assert np.abs(_inside(falsify("any", ZeroAcceleration(), noisy, WINDOW, 0), WINDOW)["vel_n_mps"]).max() < 1e-6
 
 
 @pytest.mark.parametrize(("direction_deg", "vertical_share"), [(0.0, 0.0), (90.0, 0.0), (225.0, 0.6), (10.0, -1.0)])

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from spoofbench.attacks.contract import falsify, supply_of
 from spoofbench.attacks.replaying import Meacon, RepeatBack, Replay, nearest_rows
 from spoofbench.errors import NotApplicable
-from spoofbench.recording import Interval, Recording, Table
+from spoofbench.recording import Column, Interval, Recording, Table
 from spoofbench.testing import drive
 
 PVT = "/gnss0/gnss/pvt"
@@ -48,6 +48,17 @@ def test_replayed_rows_are_whole_rows_of_the_shifted_time(delay_s: float) -> Non
         assert np.array_equal(variant[name][inside], table[name][rows], equal_nan=True)
     missing = [t for t in table.time_ns[window.covers(table.time_ns)] if np.abs(table.time_ns + delay_s * 1e9 - t).min() > 0.5e9]
     assert set(table.time_ns) - set(variant.time_ns) == set(missing)
+
+
+def test_what_a_replayed_row_lacks_stays_lacking() -> None:
+    clean = drive(5, 120.0, flaws=False)
+    table = clean[PVT]
+    known = np.random.default_rng(0).random(len(table)) < 0.5
+    clean = clean.replace({PVT: table.replace(num_sv=Column(np.arange(len(table)), known))})
+    variant = falsify("replay", Replay(30.0), clean, _window(clean, 60, 100), 0)[PVT]
+    inside = np.flatnonzero(_window(clean, 60, 100).covers(table.time_ns))
+    assert np.array_equal(variant.valid("num_sv")[inside], known[inside - 30])
+    assert np.array_equal(variant["num_sv"][inside], clean[PVT]["num_sv"][inside - 30])
 
 
 def test_epochs_without_a_donor_row_are_deleted() -> None:
