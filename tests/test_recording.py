@@ -20,7 +20,7 @@ def tables(draw: st.DrawFn, kind: str | None = None) -> Table:
     """Any table of any kind: fields absent, present in some rows, or in all."""
     kind = kind or draw(st.sampled_from(sorted(KINDS)))
     rows = draw(st.integers(0, 8))
-    times = np.array(sorted(draw(st.lists(st.integers(0, 2**62), min_size=rows, max_size=rows))), np.int64)
+    times = np.array(sorted(draw(st.lists(st.integers(0, 3) | st.integers(0, 2**62), min_size=rows, max_size=rows))), np.int64)
     columns: dict[str, Any] = {}
     for field in KINDS[kind].fields.values():
         if not draw(st.booleans()):
@@ -78,6 +78,12 @@ def test_absent_columns_and_absent_values_are_equal(table: Table) -> None:
     assert Table(table.kind.name, table.time_ns, named) == table
     topic = {"reference/pva": "/reference/pva", "truth/attack": "/truth/attack"}.get(table.kind.name, f"/s/{table.kind.name}")
     assert Recording({topic: Table(table.kind.name, table.time_ns, named)}).digest() == Recording({topic: table}).digest()
+
+
+@given(tables())
+def test_the_last_row_of_each_time_is_what_a_dictionary_by_time_keeps(table: Table) -> None:
+    row_of = {time: row for row, time in enumerate(table.time_ns.tolist())}
+    assert table.last_per_time() == table.take(np.array(list(row_of.values()), int))
 
 
 def _imu(times: list[int]) -> Table:

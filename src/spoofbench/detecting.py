@@ -141,5 +141,5 @@ def stepwise(
     if len(scores) != clock_times.size:
         raise PluginError(f"a stepwise detector yielded {len(scores)} scores for {clock_times.size} rows of {clock!r}")
     score = np.array([np.nan if value is None else value for value in scores], float)
-    last = np.append(clock_times[1:] > clock_times[:-1], True)[: clock_times.size]
+    last = np.searchsorted(clock_times, np.unique(clock_times), "right") - 1
     return Decisions(clock_times[last], score[last], ~np.isnan(score[last]))

@@ -215,6 +215,11 @@ class Table(Mapping[str, NDArray[Any]]):
         first, last = np.searchsorted(self.time_ns, (interval.start_ns, interval.end_ns), "left")
         return self.take(slice(int(first), int(last)))
 
+    def last_per_time(self) -> "Table":
+        """Return one row per time: of rows that bear the same time, the last."""
+        last = np.append(self.time_ns[1:] > self.time_ns[:-1], True)[: len(self)]
+        return self if last.all() else self.take(last)
+
 
 class Recording(Mapping[str, Table]):
     """Tables by topic, loaded when first used, and metadata.

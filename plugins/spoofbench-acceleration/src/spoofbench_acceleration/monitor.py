@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from spoofbench.detecting import Decisions
 from spoofbench.recording import Recording, Table
 from spoofbench.schema import split_topic
+from spoofbench.schema.v1 import gnss_pb2
 from spoofbench_acceleration.motion import (
     Track,
     heading_rad,
@@ -37,7 +38,7 @@ from spoofbench_acceleration.statistics import (
 Axis = Literal["vertical", "along_track"]
 Origin = Literal["velocity", "position"]
 
-_NO_FIX = (1, 2, 6)  # none, dead reckoning, time only
+_NO_FIX = (gnss_pb2.FIX_TYPE_NONE, gnss_pb2.FIX_TYPE_DEAD_RECKONING, gnss_pb2.FIX_TYPE_TIME_ONLY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +150,7 @@ class AccelerationMonitor:
         Raises:
             RecordingError: a required kind is missing, or the IMU's axes are unknown.
         """
-        pvt, imu = recording.primary("gnss/pvt"), recording.primary("imu")
-        pvt = pvt.take(np.append(pvt.time_ns[1:] > pvt.time_ns[:-1], True)[: len(pvt)])
+        pvt, imu = recording.primary("gnss/pvt").last_per_time(), recording.primary("imu")
         axis = "forward" if self.axis == "along_track" else "up"
         source = split_topic(recording.topics("imu")[0])[0]
         axes = self.axes or recording.metadata.get(f"source/{source}", {}).get("axes", "frd")

@@ -106,9 +106,7 @@ class Random(_Alarms):
 
 def _epochs(recording: Recording) -> NDArray[np.int64]:
     """Distinct times of the primary receiver's epochs, shape ``(n,)``."""
-    time_ns = recording.primary("gnss/pvt").time_ns
-    last = np.append(time_ns[1:] > time_ns[:-1], True)[: time_ns.size]
-    return np.asarray(time_ns[last])
+    return np.unique(recording.primary("gnss/pvt").time_ns)
 
 
 def _waiting(slots: NDArray[np.int64], seed: int) -> NDArray[np.float64]:

@@ -25,10 +25,9 @@ class ReceiverFlag:
 
     def detect(self, recording: Recording) -> Decisions:
         """Score 0 for none, 2 for indicated, 3 for confirmed; of several rows at one time the last counts."""
-        table = recording.primary("gnss/integrity")
-        last = np.append(table.time_ns[1:] > table.time_ns[:-1], True)[: len(table)]
-        states = table["spoofing"][last]  # 0, unknown, where it is absent
+        table = recording.primary("gnss/integrity").last_per_time()
+        states = table["spoofing"]  # 0, unknown, where it is absent
         score = np.full(states.size, np.nan)
         for state, value in SCORES.items():
             score[states == state] = value
-        return Decisions(table.time_ns[last], score, ~np.isnan(score))
+        return Decisions(table.time_ns, score, ~np.isnan(score))

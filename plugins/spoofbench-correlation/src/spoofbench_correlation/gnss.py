@@ -31,7 +31,7 @@ class Velocity(NamedTuple):
 
 def velocity(pvt: Table) -> Velocity:
     """Return the velocity of each epoch, from speed and course where there is no velocity vector."""
-    last = np.append(pvt.time_ns[1:] > pvt.time_ns[:-1], True)[: len(pvt)]
+    pvt = pvt.last_per_time()
     ned = np.stack([pvt[f"vel_{axis}_mps"] for axis in "ned"])
     if pvt.has("speed_mps", "course_deg"):
         course = np.radians(pvt["course_deg"])
@@ -39,7 +39,7 @@ def velocity(pvt: Table) -> Velocity:
         ned = np.where(np.isnan(ned[:2]).any(axis=0), polar, ned)
     if "fix_type" in pvt:
         ned[:, np.isin(pvt["fix_type"], _NO_VELOCITY)] = np.nan
-    return Velocity(pvt.time_ns[last], ned[:, last])
+    return Velocity(pvt.time_ns, ned)
 
 
 def acceleration(velocity: Velocity) -> Floats:
