@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from google.protobuf.descriptor import FieldDescriptor
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
@@ -201,7 +200,7 @@ def _prefix(field: Field, width: int) -> bytes:
 def _format(field: Field, width: int) -> Any:
     if field.category in ("text", "bytes"):
         return f"V{width}"
-    if field.wire_type == FieldDescriptor.TYPE_ENUM:
+    if field.category == "enum":
         return "u1" if width == 1 else ("u1", (width,))
     return "u1" if field.category == "boolean" else np.dtype(field.dtype).newbyteorder("<")
 

@@ -37,14 +37,13 @@ class Field:
     """One column of a kind.
 
     ``dtype`` is the numpy dtype name of the column's values; text and bytes are dictionary-coded, so
-    theirs is the int32 of the codes. ``wire_type`` is a ``FieldDescriptor.TYPE_*`` number.
+    theirs is the int32 of the codes.
     """
 
     name: str
     number: int
     category: Category
     dtype: str
-    wire_type: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +62,7 @@ class Kind:
 
 def _kind(name: str, message: Any) -> Kind:
     fields = {
-        field.name: Field(field.name, field.number, *_TYPES[field.type], field.type)
-        for field in sorted(message.fields, key=lambda field: field.number)
+        field.name: Field(field.name, field.number, *_TYPES[field.type]) for field in sorted(message.fields, key=lambda field: field.number)
     }
     return Kind(name, message, MappingProxyType(fields))
 
