@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from spoofbench.codec import read
 from spoofbench.converting import Ledger
 from spoofbench.recording import Recording, Table
+from spoofbench.report.text import printable
 from spoofbench.schema import TRUTH_TOPIC, split_topic
 
 STOPPED_MPS = 0.3
@@ -113,7 +114,7 @@ def as_text(summary: Summary) -> str:
     if summary.start_ns is not None and summary.duration_s is not None:
         start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=summary.start_ns // 1000)
         when = f"{_minutes(summary.duration_s)} from {start:%Y-%m-%d %H:%M:%S} UTC, clock {summary.clock or 'unknown'}"
-    lines = [_printable(summary.file), f"  {when}", *_topic_lines(summary.topics)]
+    lines = [printable(summary.file), f"  {when}", *_topic_lines(summary.topics)]
     if summary.motion:
         lines += ["", _pair("motion", _motion_text(summary.motion))]
     if summary.attacks:
@@ -204,17 +205,12 @@ def _motion_text(motion: Motion) -> str:
 
 
 def _pair(name: str, value: str) -> str:
-    return textwrap.fill(_printable(value), WIDTH, initial_indent=f"{name + '  ':<22}", subsequent_indent=" " * 22)
+    return textwrap.fill(printable(value), WIDTH, initial_indent=f"{name + '  ':<22}", subsequent_indent=" " * 22)
 
 
 def _wrapped(ledger: Ledger) -> list[str]:
     lines = [line for line in ledger.as_text().splitlines() if " rows " not in line]
-    return [textwrap.fill(_printable(line), WIDTH, initial_indent="  ", subsequent_indent=" " * 24) for line in lines]
-
-
-def _printable(text: str) -> str:
-    """Return a log's own words without characters that a terminal would obey."""
-    return "".join(character if character.isprintable() else "?" for character in text)
+    return [textwrap.fill(printable(line), WIDTH, initial_indent="  ", subsequent_indent=" " * 24) for line in lines]
 
 
 def _minutes(duration_s: float) -> str:
