@@ -11,7 +11,7 @@ import pytest
 from spoofbench.detecting import Decisions
 from spoofbench.recording import Interval
 from spoofbench.results import Truth
-from spoofbench.scoring.grid import on_grid, within
+from spoofbench.scoring.grid import score_on_grid, within
 from spoofbench.scoring.measures import detection_pct, false_alerts, find_events, share
 
 HERE = Path(__file__).parent
@@ -94,6 +94,5 @@ def test_decisions_at_epochs_come_through_the_grid(case: dict[str, Any]) -> None
     nothing = np.full(time_ns.size, np.nan)
     flags = np.zeros(time_ns.size, bool)
     truth = Truth(time_ns, ~flags, flags, flags, *itertools.repeat(nothing, 6), round(full["dt_s"] * 1e9), ())
-    got_alert, got_available = on_grid(Decisions(time_ns, np.where(alert, 1.5, 0.5), available), truth, None)
-    np.testing.assert_array_equal(got_alert, alert & available)
-    np.testing.assert_array_equal(got_available, available)
+    score = np.where(alert, 1.5, 0.5)
+    np.testing.assert_array_equal(score_on_grid(Decisions(time_ns, score, available), truth, None), np.where(available, score, np.nan))

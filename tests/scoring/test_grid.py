@@ -9,7 +9,7 @@ from spoofbench.detecting import Decisions
 from spoofbench.errors import LimitError, RecordingError
 from spoofbench.recording import Interval, Recording, Table
 from spoofbench.results import Truth
-from spoofbench.scoring.grid import build_truth, on_grid, release_guard, score_on_grid
+from spoofbench.scoring.grid import build_truth, release_guard, score_on_grid
 
 S = 1_000_000_000
 TOPIC = "/gnss0/gnss/pvt"
@@ -126,9 +126,6 @@ def test_an_epoch_takes_the_latest_decision_after_the_previous_epoch() -> None:
     truth = build_truth(*[recording([0, 1, 2, 3, 4])] * 2)
     said = decisions([0, 0.4, 0.9, 2, 3.2, 3.5], [0.1, 5.0, 0.2, 3.0, 4.0, np.nan])
     np.testing.assert_array_equal(score_on_grid(said, truth, None), [0.1, 0.2, 3.0, np.nan, np.nan])
-    alert, available = on_grid(said, truth, None)
-    assert alert.tolist() == [False, False, True, False, False]
-    assert available.tolist() == [True, True, True, False, False]
 
 
 def test_a_hold_lets_a_decision_last() -> None:

@@ -89,12 +89,6 @@ def score_on_grid(decisions: Decisions, truth: Truth, hold_s: float | None) -> F
     return np.where((latest >= 0) & fresh, decisions.score[latest], np.nan)
 
 
-def on_grid(decisions: Decisions, truth: Truth, hold_s: float | None) -> tuple[Flags, Flags]:
-    """Return ``(alert, available)`` at each epoch, bool ``(n,)`` each; see :func:`score_on_grid`."""
-    score = score_on_grid(decisions, truth, hold_s)
-    return score > 1, ~np.isnan(score)
-
-
 def _epochs(recording: Recording) -> Table:
     """The primary PVT, one row per time; empty where an attack that does not model it has removed it."""
     if not recording.topics("gnss/pvt"):
