@@ -89,8 +89,9 @@ def test_what_cannot_be_predicted_is_deleted() -> None:
 
 
 @pytest.mark.parametrize("attack", [Extrapolate(2.0), ExtrapolateSmooth(2.0), ZeroAcceleration(1.0), ZeroAcceleration(0.4), DragOff(3.0)])
-def test_position_is_the_integral_of_velocity(attack: Attack) -> None:
-    table = _inside(falsify("any", attack, _swaying(), WINDOW, 0), WINDOW)
+@pytest.mark.parametrize("seed", range(4))
+def test_position_is_the_integral_of_velocity(attack: Attack, seed: int) -> None:
+    table = _inside(falsify("any", attack, _swaying(), WINDOW, seed), WINDOW)
     motion, epoch = motion_of(table), epochs_s(table)
     steps = np.diff(motion.position, axis=0) - (motion.rate[1:] + motion.rate[:-1]) / 2 * np.diff(epoch)[:, None]
     assert np.abs(steps * metres_per_unit(motion.position)[1:]).max() < 2e-4  # trapezium rule, 0.1 s

@@ -83,3 +83,8 @@ def test_fields_that_are_written_alike_help_one_another() -> None:
     table = Table("gnss/pvt", n, {"vel_n_mps": np.round(np.sin(n), 3), "vel_e_mps": np.round(np.cos(n), 3), "vel_d_mps": np.zeros(50)})
     down = resolutions(table, ["vel_d_mps"])["vel_d_mps"]
     assert down.represent(np.array([0.1234]), np.zeros(1))[0] == 0.123
+
+
+def test_a_field_that_never_changes_is_written_as_its_fellows() -> None:
+    table = Table("gnss/pvt", np.arange(50), {"lat_deg": _numbers(0, n=50), "lon_deg": np.full(50, 8.0)})
+    assert resolutions(table, ["lon_deg"])["lon_deg"].represent(np.array([8.1234567890123]), np.array([8.0]))[0] == 8.1234567890123

@@ -22,6 +22,7 @@ GROUPS = (("lat_deg", "lon_deg"), ("height_m", "height_msl_m"), ("vel_n_mps", "v
 _DECIMALS = range(13)
 _SCALES = (1.0, 60.0, 3600 / 1852, 3.6)  # the unit itself; arc minutes, knots, km/h
 _PROBE = 32
+_TELLING = 8  # fewer distinct values do not show how a field is written: a still receiver's are whole by chance
 _DUST_ULPS = 8
 _DISTINCT_ULPS = 64  # a grid must be this much coarser than the dust to be told from chance
 
@@ -61,8 +62,8 @@ def resolutions(table: Table, names: Iterable[str]) -> dict[str, Resolution]:
         present = [name for name in group if name in table]
         if len(present) > 1 and names & set(present):
             together = resolution(np.concatenate([table[name] for name in present]))
-            if together.write is not None and not together.dust:
-                found |= dict.fromkeys(present, together)
+            alike = together.write is not None and not together.dust
+            found |= {name: together for name in present if alike or np.unique(table[name]).size < _TELLING}
     return {name: found.get(name) or resolution(table[name]) for name in sorted(names)}
 
 
