@@ -21,6 +21,7 @@ class Job:
         peers: by name, the same.
         missing: peers that are not installed.
         check: is given our result and a peer's, once before timing, and raises where they do not agree.
+        prepare: what to do before each turn, untimed.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Job:
     peers: Mapping[str, Callable[[], Any]]
     missing: Sequence[str] = ()
     check: Callable[[Any, Any], None] | None = None
+    prepare: Callable[[], None] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,8 @@ def run(job: Job, rounds: int) -> list[Result]:
     times: dict[str, list[float]] = {name: [] for name in contestants}
     for _ in range(rounds):
         for name, work in contestants.items():
+            if job.prepare:
+                job.prepare()
             gc.collect()
             begin = time.perf_counter()
             result = work()

@@ -1,8 +1,8 @@
 """MCAP written, read and validated: 260,000 IMU rows, against the libraries that people use for it.
 
-Writers start from numpy columns and end with a closed file; readers start from a file that is in the page
-cache and end with one numpy array per field. Checksums of chunks are written and checked on all sides, and
-for each row everybody writes the same fields, in chunks of 1 MiB.
+Writers start from numpy columns and end with a closed file that was not there before; readers start from a
+file that is in the page cache and end with one numpy array per field. Checksums of chunks are written and
+checked on all sides, and for each row everybody writes the same fields, in chunks of 1 MiB.
 """
 
 import os
@@ -66,7 +66,12 @@ def _writing(folder: Path, table: Table, what: str, missing: list[str]) -> Itera
         writers: dict[str, Callable[[Table, Path, int], Path]] = {"mcap-protobuf": _pair_write}
         writers |= {peer: {"small-mcap": _small_write, "foxglove-sdk": _sdk_write}[peer] for peer in OPTIONAL_PEERS if peer not in missing}
         peers = {peer: partial(writer, table, folder / f"{peer}.mcap", level) for peer, writer in writers.items()}
-        yield Job(f"mcap-write-{name}", f"{what}, columns to a closed file, {name}", ours, peers, missing, _same_files)
+
+        def remove(files: tuple[Path, ...] = (folder / "ours.mcap", *(folder / f"{peer}.mcap" for peer in peers))) -> None:
+            for file in files:
+                file.unlink(missing_ok=True)
+
+        yield Job(f"mcap-write-{name}", f"{what}, columns to a new file, {name}", ours, peers, missing, _same_files, remove)
 
 
 def _reading(folder: Path, path: Path, table: Table, what: str, missing: list[str]) -> Iterator[Job]:
