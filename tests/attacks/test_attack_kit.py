@@ -9,7 +9,7 @@ import pytest
 
 from spoofbench.errors import PluginError
 from spoofbench.recording import Interval, Recording, Table
-from spoofbench.testing.attacks import LAWS, attack_checks, run_attack_checks
+from spoofbench.testing.attacks import LAWS, check_attack, run_attack_checks
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ BROKEN = {
 }
 
 
-@attack_checks(Honest())
+@check_attack(Honest())
 def test_an_honest_attack_passes(check: Any) -> None:
     check()
 

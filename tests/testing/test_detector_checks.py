@@ -11,7 +11,7 @@ import pytest
 
 from spoofbench.detecting import Decisions, Detector
 from spoofbench.errors import PluginError
-from spoofbench.testing import CheckFailed, detector_checks, run_checks
+from spoofbench.testing import CheckFailed, check_detector, run_checks
 from spoofbench.testing.detectors import LAWS
 from spoofbench.testing.subject import difference
 
@@ -57,7 +57,7 @@ BROKEN = {
 }
 
 
-@detector_checks(bad.Honest())
+@check_detector(bad.Honest())
 def test_an_honest_detector_passes(check: Any) -> None:
     check()
 
@@ -75,7 +75,7 @@ def test_every_law_has_a_detector_that_breaks_it() -> None:
 
 
 def test_looking_one_epoch_ahead_is_refused_with_the_reason() -> None:
-    checks = detector_checks(bad.LooksOneEpochAhead()).args[1]
+    checks = check_detector(bad.LooksOneEpochAhead()).args[1]
     with pytest.raises(CheckFailed, match=r"with the rows after \d+ cut off, an earlier decision changes: the score at \d+ is"):
         next(check for check in checks if str(check) == "keeps_causality")()
 
@@ -117,4 +117,4 @@ def test_a_missing_plugin_is_an_error_not_a_result() -> None:
     with pytest.raises(PluginError, match="no detector is called 'no-such'"):
         run_checks("no-such")
     with pytest.raises(PluginError, match="no detector is called 'no-such'"):
-        detector_checks("no-such", level=3).args[1][0]()
+        check_detector("no-such", level=3).args[1][0]()

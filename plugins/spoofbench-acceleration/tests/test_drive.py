@@ -1,7 +1,6 @@
 """The comparison on a real car: 43 minutes at 1 Hz, IMU at 100 Hz, receiver's stamps late by about a third of a second."""
 
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 from spoofbench_acceleration import AccelerationMonitor
 
 from spoofbench.codec import read
-from spoofbench.converting import convert
 from spoofbench.recording import Recording
 
 pytestmark = pytest.mark.drive
@@ -18,13 +16,8 @@ CAR = AccelerationMonitor(axis="along_track", pitch=True, lag_s=0.34)
 
 
 @pytest.fixture(scope="module")
-def real_drive(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    package = find_spec("pntos_cobra_datasets_ros")
-    if package is None or not package.submodule_search_locations:
-        pytest.skip("the package pntos-cobra-datasets-ros is not installed")
-    out = tmp_path_factory.mktemp("drive") / "drive.mcap"
-    convert(Path(package.submodule_search_locations[0]) / "cobra_gps_ins_example_data", out)
-    return read(out)
+def real_drive(converted_drive: Path) -> Recording:
+    return read(converted_drive)
 
 
 def _correlation(monitor: AccelerationMonitor, recording: Recording) -> float:

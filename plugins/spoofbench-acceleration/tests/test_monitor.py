@@ -11,22 +11,22 @@ from spoofbench.detecting import detect
 from spoofbench.errors import PluginError, RecordingError
 from spoofbench.plugins import DETECTORS, make
 from spoofbench.recording import Recording, Table
-from spoofbench.testing import detector_checks, drive, spoofed_drive
+from spoofbench.testing import check_detector, drive, spoofed_drive
 
 CAR = AccelerationMonitor(axis="along_track", pitch=True)
 
 
-@detector_checks("acceleration")
+@check_detector("acceleration")
 def test_as_published(check: Any) -> None:
     check()
 
 
-@detector_checks("acceleration", executive="simple", axis="along_track", pitch=True, averaging="time_constant", lag_s=0.34)
+@check_detector("acceleration", executive="simple", axis="along_track", pitch=True, averaging="time_constant", lag_s=0.34)
 def test_for_a_car(check: Any) -> None:
     check()
 
 
-@detector_checks("acceleration", acceleration_from="position", roll=True, stride=3, gate=False)
+@check_detector("acceleration", acceleration_from="position", roll=True, stride=3, gate=False)
 def test_from_positions(check: Any) -> None:
     check()
 

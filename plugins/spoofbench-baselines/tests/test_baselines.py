@@ -13,7 +13,7 @@ from spoofbench_baselines import Always, Never, Periodic, Random, ReceiverFlag
 from spoofbench.detecting import detect
 from spoofbench.errors import PluginError
 from spoofbench.recording import Column, Recording, Table
-from spoofbench.testing import detector_checks, drive
+from spoofbench.testing import check_detector, drive
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -28,27 +28,27 @@ def starts(alert: np.ndarray) -> int:
     return int(np.count_nonzero(alert & ~np.append(False, alert[:-1])))
 
 
-@detector_checks("never")
+@check_detector("never")
 def test_never_keeps_the_contract(check: Callable[[], None]) -> None:
     check()
 
 
-@detector_checks("always")
+@check_detector("always")
 def test_always_keeps_the_contract(check: Callable[[], None]) -> None:
     check()
 
 
-@detector_checks("periodic", rate_per_hour=60)
+@check_detector("periodic", rate_per_hour=60)
 def test_periodic_keeps_the_contract(check: Callable[[], None]) -> None:
     check()
 
 
-@detector_checks("random", rate_per_hour=60)
+@check_detector("random", rate_per_hour=60)
 def test_random_keeps_the_contract(check: Callable[[], None]) -> None:
     check()
 
 
-@detector_checks("receiver-flag")
+@check_detector("receiver-flag")
 def test_receiver_flag_keeps_the_contract(check: Callable[[], None]) -> None:
     check()
 

@@ -2,24 +2,24 @@
 
 from collections.abc import Callable
 
-from spoofbench.testing import detector_checks
+from spoofbench.testing import check_detector
 
 
-@detector_checks("correlation")
+@check_detector("correlation")
 def test_defaults(check: Callable[[], None]) -> None:
     check()
 
 
-@detector_checks("correlation", statistic="M_acc", window_s=30, lag_s=0.3, median_filter=3, gravity="constant")
+@check_detector("correlation", statistic="M_acc", window_s=30, lag_s=0.3, median_filter=3, gravity="constant")
 def test_norms_of_acceleration(check: Callable[[], None]) -> None:
     check()
 
 
-@detector_checks("correlation", statistic="M", window_s=20, adaptive=True, gravity="descent")
+@check_detector("correlation", statistic="M", window_s=20, adaptive=True, gravity="descent")
 def test_norms_with_descent(check: Callable[[], None]) -> None:
     check()
 
 
-@detector_checks("zero-velocity", window_s=30, lag_s=0.3)
+@check_detector("zero-velocity", window_s=30, lag_s=0.3)
 def test_zero_velocity(check: Callable[[], None]) -> None:
     check()

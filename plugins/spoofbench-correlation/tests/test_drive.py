@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from spoofbench import codec
-from spoofbench.converting import convert
 
 pytestmark = pytest.mark.drive
 
@@ -17,20 +16,15 @@ LAG_S = 0.34
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, list[dict[str, Any]]]:
-    package = importlib.util.find_spec("pntos_cobra_datasets_ros")
-    if package is None or not package.submodule_search_locations:
-        pytest.skip("the package pntos-cobra-datasets-ros is not installed")
+def measured(converted_drive: Path) -> Mapping[str, list[dict[str, Any]]]:
     if not REPRODUCTION.exists():
         pytest.skip("benchmarks/reproductions is not beside the plugin")
-    recording = tmp_path_factory.mktemp("drive") / "drive.mcap"
-    convert(Path(package.submodule_search_locations[0]) / "cobra_gps_ins_example_data", recording)
     spec = importlib.util.spec_from_file_location("borio_drive", REPRODUCTION)
     assert spec is not None
     assert spec.loader is not None
     reproduction = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(reproduction)
-    tables: Mapping[str, list[dict[str, Any]]] = reproduction.measure(codec.read(recording), LAG_S)
+    tables: Mapping[str, list[dict[str, Any]]] = reproduction.measure(codec.read(converted_drive), LAG_S)
     return tables
 
 

@@ -2,9 +2,9 @@
 
 Three lines hold an attack to its contract::
 
-    from spoofbench.testing import attack_checks
+    from spoofbench.testing import check_attack
 
-    @attack_checks("my-attack", strength=2.0)
+    @check_attack("my-attack", strength=2.0)
     def test_conformance(check): check()
 """
 
@@ -84,7 +84,7 @@ class Subject:
         return tuple(made)
 
 
-def attack_checks(attack: str | Attack, **parameters: Any) -> "pytest.MarkDecorator":
+def check_attack(attack: str | Attack, **parameters: Any) -> "pytest.MarkDecorator":
     """Parametrise a test's argument ``check`` with all checks of an attack.
 
     Args:

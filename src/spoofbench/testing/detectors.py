@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pytest
 
 
-def detector_checks(detector: str | Detector, /, **parameters: Any) -> "pytest.MarkDecorator":
+def check_detector(detector: str | Detector, /, **parameters: Any) -> "pytest.MarkDecorator":
     """Parametrise a test's argument ``check`` with all checks of a detector.
 
     Args:
