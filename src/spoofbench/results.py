@@ -144,6 +144,11 @@ def write_truth(folder: Path, variant_id: str, truth: Truth) -> None:
     write_parquet(folder / "truth" / f"{variant_id}.parquet", pa.table(columns).replace_schema_metadata(about))
 
 
+def has_truth(folder: Path, variant_id: str) -> bool:
+    """Whether a variant has a scoring grid; one that could not be made has none."""
+    return (folder / "truth" / f"{variant_id}.parquet").exists()
+
+
 def read_truth(folder: Path, variant_id: str) -> Truth:
     """Return one variant's scoring grid and intervals.
 

@@ -10,10 +10,9 @@ from spoofbench.report.tables import (
     exceeds_target,
     far_interval,
     legend,
-    share,
     time_to_detection,
 )
-from spoofbench.report.text import NONE, percent, printable, rate
+from spoofbench.report.text import NONE, percent, printable, rate, share_percent
 
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>()#+!|~$&@:-])")
 
@@ -31,7 +30,7 @@ def as_markdown(board: Board) -> str:
             detection_interval(row),
             time_to_detection(row.ttfd_median_s, row, board.extent),
             time_to_detection(row.ttfd_p90_s, row, board.extent),
-            share(row.availability),
+            share_percent(row.availability),
             str(row.failed),
         ]
         for row in board.ranking.rows

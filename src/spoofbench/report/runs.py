@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from spoofbench.report.text import NONE, between, percent, rate, seconds
+from spoofbench.report.text import NONE, between, percent, rate, seconds, share_percent
 from spoofbench.report.traces import STEPS, Plane, Pool, interval_s, milliseconds, pack_scores, thinned
-from spoofbench.results import Task, Truth, read_outcome, read_parquet, read_tasks, read_truth
+from spoofbench.results import Task, Truth, has_truth, read_outcome, read_parquet, read_tasks, read_truth
 from spoofbench.scoring.grid import GUARD_S
 
 CLEAN = "none (clean)"
@@ -30,7 +30,7 @@ def payload(folder: Path, best: str) -> dict[str, Any]:
     """
     tasks = read_tasks(folder)
     scores = {row["task_id"]: row for row in read_parquet(folder / "scores.parquet").to_pylist()}
-    truths = {task.variant_id: read_truth(folder, task.variant_id) for task in tasks if _has_truth(folder, task)}
+    truths = {task.variant_id: read_truth(folder, task.variant_id) for task in tasks if has_truth(folder, task.variant_id)}
     pool = Pool()
     planes = _planes(tasks, truths)
     of_variant: dict[str, Task] = {}
@@ -57,11 +57,6 @@ def labels(task: Task) -> dict[str, str]:
         "attack": task.attack or CLEAN,
         "seed": NONE if task.seed is None else str(task.seed),
     }
-
-
-def _has_truth(folder: Path, task: Task) -> bool:
-    """A variant that could not be made has none."""
-    return (folder / "truth" / f"{task.variant_id}.parquet").exists()
 
 
 def _planes(tasks: Iterable[Task], truths: Mapping[str, Truth]) -> dict[str, Plane]:
@@ -130,19 +125,19 @@ def _facts(task: Task, scores: Mapping[str, Any]) -> list[tuple[str, str]]:
         low, high = rate(scores.get("far_per_hour_lo")), rate(scores.get("far_per_hour_hi"))
         figures = [
             ("False alerts", _unit(rate(scores.get("far_per_hour")), f"per hour (95 %: {between(low, high)})")),
-            ("Alerted share of available clean epochs", _pct(scores.get("far_epoch"), 100)),
+            ("Alerted share of available clean epochs", _unit(share_percent(scores.get("far_epoch")), "%")),
         ]
     else:
         figures = [
-            ("Detection", _pct(scores.get("detection_pct"))),
-            ("Detection where available", _pct(scores.get("detection_pct_available"))),
+            ("Detection", _unit(percent(scores.get("detection_pct")), "%")),
+            ("Detection where available", _unit(percent(scores.get("detection_pct_available")), "%")),
             ("Time to first detection", _unit(seconds(scores.get("ttfd_s")), "s")),
             ("Position error at detection", _unit(rate(scores.get("position_error_at_detection_m")), "m")),
             ("Attack parameters", _parameters(task.attack_parameters)),
         ]
     return [
         *figures,
-        ("Availability", _pct(scores.get("availability"), 100)),
+        ("Availability", _unit(share_percent(scores.get("availability")), "%")),
         ("Detector parameters", _parameters(task.parameters)),
         ("Plugin", f"{task.plugin} from {task.plugin_distribution} {task.plugin_version}"),
         ("Task", task.task_id),
@@ -160,10 +155,6 @@ def _parameters(text: str | None) -> str:
     if not isinstance(values, dict):
         return text
     return ", ".join(f"{name} = {json.dumps(value)}" for name, value in values.items()) or NONE
-
-
-def _pct(value: float | None, scale: float = 1.0) -> str:
-    return _unit(percent(None if value is None else scale * value), "%")
 
 
 def _unit(text: str, unit: str) -> str:

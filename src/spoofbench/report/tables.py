@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spoofbench.report.text import NONE, between, counted, percent, rate, seconds
-from spoofbench.results import Task, read_parquet, read_tasks, read_truth
+from spoofbench.results import Task, has_truth, read_parquet, read_tasks, read_truth
 from spoofbench.scoring.ranking import Cell, Leaderboard, Row, leaderboard
 
 
@@ -49,7 +49,7 @@ def read_board(folder: Path) -> Board:
 
 
 def _extent(folder: Path, tasks: Sequence[Task]) -> Extent:
-    variants = {task.variant_id: task.attack for task in tasks if (folder / "truth" / f"{task.variant_id}.parquet").exists()}
+    variants = {task.variant_id: task.attack for task in tasks if has_truth(folder, task.variant_id)}
     clean = [read_truth(folder, variant) for variant, attack in variants.items() if attack is None]
     longest_s: dict[str, float] = {}
     for event in read_parquet(folder / "events.parquet").select(["detector", "length_s"]).to_pylist():
@@ -76,11 +76,6 @@ def far_interval(row: Row) -> str:
 def detection_interval(row: Row) -> str:
     """Return the 95 % interval of the detection percentage over sessions; a dash below 5 sessions."""
     return between(percent(row.detection_pct_lo), percent(row.detection_pct_hi))
-
-
-def share(value: float | None) -> str:
-    """Return a share of 1 as a percentage."""
-    return percent(None if value is None else 100 * value)
 
 
 def cell_text(cell: Cell | None) -> str:

@@ -16,10 +16,9 @@ from spoofbench.report.tables import (
     exceeds_target,
     far_interval,
     legend,
-    share,
     time_to_detection,
 )
-from spoofbench.report.text import NONE, percent, printable, rate
+from spoofbench.report.text import NONE, percent, printable, rate, share_percent
 
 _WIDTH = 80
 _NAME = 28
@@ -69,7 +68,7 @@ def _leaderboard(board: Board) -> Table:
             percent(row.detection_pct) + ("" if interval == NONE else f"\n{interval}"),
             time_to_detection(row.ttfd_median_s, row, board.extent),
             time_to_detection(row.ttfd_p90_s, row, board.extent),
-            share(row.availability),
+            share_percent(row.availability),
             str(row.failed),
             style="dim" if exceeds_target(row) else None,
         )

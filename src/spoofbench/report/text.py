@@ -26,6 +26,11 @@ def percent(value: float | None) -> str:
     return f"{value:.1f}"
 
 
+def share_percent(value: float | None) -> str:
+    """Return a share of 1 as a percentage."""
+    return percent(None if value is None else 100 * value)
+
+
 def seconds(value: float | None) -> str:
     """Return a duration in seconds: one decimal below 100 s, none above."""
     if value is None:

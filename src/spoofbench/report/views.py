@@ -6,8 +6,8 @@ from typing import Any, Literal
 from urllib.parse import urlencode
 
 from spoofbench.report.runs import labels
-from spoofbench.report.tables import Board, cell_text, detection_interval, exceeds_target, far_interval, share, time_to_detection
-from spoofbench.report.text import NONE, between, percent, rate
+from spoofbench.report.tables import Board, cell_text, detection_interval, exceeds_target, far_interval, time_to_detection
+from spoofbench.report.text import NONE, between, percent, rate, share_percent
 from spoofbench.results import FAILURES
 from spoofbench.scoring.ranking import Cell, Row
 
@@ -46,16 +46,16 @@ class Figure:
 
 def figures(row: Row, board: Board) -> list[Figure]:
     """Return a row of the leaderboard, in the order of :data:`COLUMNS`."""
-    missed = between(share(row.p_md_lo), share(row.p_md_hi))
+    missed = between(share_percent(row.p_md_lo), share_percent(row.p_md_hi))
     return [
         _figure(NONE if row.rank is None else str(row.rank), row.rank),
         Figure(row.detector, "baseline" if row.baseline else "", row.detector),
         _figure(rate(row.far_per_hour), row.far_per_hour, far_interval(row) + ("*" if exceeds_target(row) else "")),
         _figure(percent(row.detection_pct), row.detection_pct, detection_interval(row)),
-        _figure(share(row.p_md), row.p_md, missed),
+        _figure(share_percent(row.p_md), row.p_md, missed),
         _detection_time(row.ttfd_median_s, row, board),
         _detection_time(row.ttfd_p90_s, row, board),
-        _figure(share(row.availability), row.availability),
+        _figure(share_percent(row.availability), row.availability),
         _figure(str(row.failed), row.failed),
     ]
 

@@ -10,7 +10,18 @@ from pathlib import Path
 import pyarrow as pa
 
 from spoofbench.errors import ResultsError
-from spoofbench.results import FAILURES, Outcome, Status, read_outcome, read_parquet, read_run, write_outcome, write_parquet, write_run
+from spoofbench.results import (
+    FAILURES,
+    Outcome,
+    Status,
+    has_truth,
+    read_outcome,
+    read_parquet,
+    read_run,
+    write_outcome,
+    write_parquet,
+    write_run,
+)
 from spoofbench.runner.planning import PlannedTask
 
 _COST_SCHEMA = pa.schema([("task_id", pa.string()), ("seconds", pa.float64()), ("memory_mb", pa.float64())])
@@ -77,8 +88,7 @@ class Ledger:
             outcome = read_outcome(self.folder, task.id)
         except ResultsError:
             return None  # damaged: run it again
-        truth = self.folder / "truth" / f"{task.variant.id}.parquet"
-        return None if outcome is not None and outcome.status == "ok" and not truth.exists() else outcome
+        return None if outcome is not None and outcome.status == "ok" and not has_truth(self.folder, task.variant.id) else outcome
 
     def done(self, task: PlannedTask, outcome: Outcome, cost: Cost = Cost(None, None)) -> None:
         """Write what became of a task."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from spoofbench.detecting import Decisions
 from spoofbench.errors import ResultsError
-from spoofbench.results import FAILURES, Task, Truth, read_outcome, read_tasks, read_truth, write_parquet
+from spoofbench.results import FAILURES, Task, Truth, has_truth, read_outcome, read_tasks, read_truth, write_parquet
 from spoofbench.scoring.estimates import partial_auc, roc
 from spoofbench.scoring.grid import release_guard, score_on_grid, within
 from spoofbench.scoring.measures import Event, detection_pct, error_at, false_alerts, find_events, largest_error, share
@@ -96,11 +96,8 @@ def score_folder(folder: Path) -> None:
 
     scored = [index for index, task in enumerate(tasks) if _can_be_scored(folder, task)]
     for (_, variant_id), group in groupby(sorted(scored, key=by_variant), by_variant):
-        indices = list(group)
-        if all(tasks[index].status in FAILURES for index in indices) and not (folder / "truth" / f"{variant_id}.parquet").exists():
-            continue
         truth = read_truth(folder, variant_id)
-        for index in indices:
+        for index in group:
             task = tasks[index]
             decisions = _decisions(folder, task)
             score = score_on_grid(decisions, truth, task.hold_s)
@@ -114,8 +111,7 @@ def score_folder(folder: Path) -> None:
 
 
 def _can_be_scored(folder: Path, task: Task) -> bool:
-    made = (folder / "truth" / f"{task.variant_id}.parquet").exists()
-    return task.status == "ok" or (task.status in FAILURES and made)
+    return task.status == "ok" or (task.status in FAILURES and has_truth(folder, task.variant_id))
 
 
 def _identity(task: Task) -> _Cells:
