@@ -19,6 +19,11 @@ ATTACKS: Group = "spoofbench.attacks"
 DETECTORS: Group = "spoofbench.detectors"
 
 
+def role(group: Group) -> str:
+    """Return what a plugin of the group is: ``converter``, ``attack`` or ``detector``."""
+    return group.removeprefix("spoofbench.").removesuffix("s")
+
+
 @dataclass(frozen=True, slots=True)
 class Plugin:
     """An entry point that is installed but not imported."""
@@ -30,7 +35,7 @@ class Plugin:
     entry_point: EntryPoint
 
     def __str__(self) -> str:
-        return f"{self.group.removeprefix('spoofbench.').removesuffix('s')} {self.name!r} of {self.distribution} {self.version}"
+        return f"{role(self.group)} {self.name!r} of {self.distribution} {self.version}"
 
     def load(self) -> Any:
         """Import the plugin and return its object.
@@ -75,7 +80,7 @@ def find(group: Group, name: str) -> Plugin:
     if name not in plugins:
         near = difflib.get_close_matches(name, plugins, 1)
         hint = f"did you mean {near[0]!r}?" if near else f"installed are {sorted(plugins) or 'none'}"
-        raise PluginError(f"no {group.removeprefix('spoofbench.').removesuffix('s')} is called {name!r}; {hint}")
+        raise PluginError(f"no {role(group)} is called {name!r}; {hint}")
     return plugins[name]
 
 
