@@ -1,6 +1,7 @@
 """The kit's drives are realistic where it matters: sensors that saw one motion, flaws, every kind of the schema."""
 
 import numpy as np
+import pymap3d
 import pytest
 
 from spoofbench.recording import Recording
@@ -52,7 +53,6 @@ def test_it_is_a_car(seed: int) -> None:
 
 
 def test_positions_are_the_integral_of_the_velocities() -> None:
-    pymap3d = pytest.importorskip("pymap3d")
     motion = make_motion(np.random.default_rng(0), 120.0)
     travelled = np.sum((motion.velocity_mps[1:] + motion.velocity_mps[:-1]) * STEP_S / 2, axis=0)
     ned = pymap3d.geodetic2ned(*motion.position[-1], *motion.position[0])

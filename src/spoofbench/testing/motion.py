@@ -13,7 +13,6 @@ Floats = NDArray[np.float64]
 
 STEP_S = 0.01
 GRAVITY_MPS2 = 9.80665
-_SEMI_MAJOR_M, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3  # WGS 84
 _LATERAL_LIMIT_MPS2 = 4.0
 
 
@@ -85,13 +84,12 @@ def _integrate(rate: Floats) -> Floats:
 
 
 def _positions(rng: np.random.Generator, velocity: Floats) -> Floats:
+    from pymap3d.rcurve import meridian, transverse
+
     north, east, down = _integrate(velocity).T
     latitude0, longitude0, height0 = np.radians(rng.uniform(35, 55)), np.radians(rng.uniform(-120, 20)), rng.uniform(50, 500)
-    w2 = 1 - _ECCENTRICITY2 * np.sin(latitude0) ** 2
-    meridian, normal = _SEMI_MAJOR_M * (1 - _ECCENTRICITY2) / w2**1.5 + height0, _SEMI_MAJOR_M / w2**0.5 + height0
-    return np.column_stack(
-        [np.degrees(latitude0 + north / meridian), np.degrees(longitude0 + east / (normal * np.cos(latitude0))), height0 - down]
-    )
+    north_m, east_m = meridian(latitude0, deg=False) + height0, (transverse(latitude0, deg=False) + height0) * np.cos(latitude0)
+    return np.column_stack([np.degrees(latitude0 + north / north_m), np.degrees(longitude0 + east / east_m), height0 - down])
 
 
 def _inertial(velocity: Floats, attitude: Floats) -> tuple[Floats, Floats]:
