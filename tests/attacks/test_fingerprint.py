@@ -112,14 +112,9 @@ def synthetic() -> Recording:
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+def measured(converted_drive: Path) -> Recording:
     """The receiver of the 43-minute drive."""
-    package = pytest.importorskip("pntos_cobra_datasets_ros", reason="the package pntos-cobra-datasets-ros is not installed")
-    from spoofbench.converting import convert
-
-    out = tmp_path_factory.mktemp("drive") / "drive.mcap"
-    convert(Path(package.__file__).parent / "cobra_gps_ins_example_data", out)
-    recording = codec.read(out)
+    recording = codec.read(converted_drive)
     return Recording({topic: recording[topic] for topic in recording.topics(PVT)}, recording.metadata)
 
 
