@@ -1,11 +1,12 @@
 """The detector's contract: a recording in, decisions out, causally.
 
-A detector is a frozen dataclass whose fields are its parameters. It gets a blind recording (see
-:meth:`spoofbench.recording.Recording.blind`) and returns one :class:`Decisions`.
+A detector is a frozen dataclass whose fields are its parameters. It gets the kinds that it declares of a blind
+recording (see :meth:`spoofbench.recording.Recording.blind`) and returns one :class:`Decisions`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spoofbench.errors import PluginError, RecordingError
 from spoofbench.recording import Interval, Recording, Table, frozen
+from spoofbench.schema import split_topic
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +92,9 @@ class Trainable(Detector, Protocol):
 
 
 def detect(detector: Detector, recording: Recording) -> Decisions:
-    """Run a detector on the blind part of a recording.
+    """Run a detector on the kinds that it declares of the blind part of a recording.
+
+    Variants lack the kinds that their attack does not model: whoever saw that would know a variant from a clean recording.
 
     Raises:
         RecordingError: the recording lacks a kind that the detector requires.
@@ -100,10 +104,20 @@ def detect(detector: Detector, recording: Recording) -> Decisions:
     missing = [kind for kind in detector.requires if kind not in blind.kinds]
     if missing:
         raise RecordingError(f"the detector requires {missing[0]!r}, which the recording lacks")
-    decisions = detector.detect(blind)
+    decisions = detector.detect(_declared(blind, {*detector.requires, *detector.uses}))
     if not isinstance(decisions, Decisions):
         raise PluginError(f"a detector must return Decisions, not {type(decisions).__name__}")
     return decisions
+
+
+def _declared(blind: Recording, kinds: set[str]) -> Recording:
+    """The tables of these kinds, and what the metadata say of them and their sources."""
+    topics = [topic for topic in blind if split_topic(topic)[1] in kinds]
+    present = {split_topic(topic)[1] for topic in topics}
+    sources = {f"source/{split_topic(topic)[0]}" for topic in topics}
+    metadata = {name: record for name, record in blind.metadata.items() if name in sources or not name.startswith("source/")}
+    primary = {kind: source for kind, source in blind.metadata.get("primary", {}).items() if kind in present}
+    return Recording({topic: partial(blind.__getitem__, topic) for topic in topics}, {**metadata, "primary": primary})
 
 
 Step = tuple[str, Table]
@@ -120,7 +134,11 @@ def stepwise(
         clock: kind whose primary rows ask for a decision, such as ``gnss/pvt``.
         others: further kinds whose primary rows the generator gets; rows of all kinds come in the order of
             time, at equal times the clock's last.
-        think: takes the events and yields, for each clock row that it has consumed, a score or None (unavailable).
+        think: takes the events and yields, for each clock row before it takes the next event, a score or None (unavailable).
+
+    Raises:
+        RecordingError: the recording lacks the clock.
+        PluginError: the generator does not yield a score for each clock row, or only after it has taken further events.
     """
     clock_topic = recording.topics(clock)[0] if recording.topics(clock) else None
     if clock_topic is None:
@@ -131,13 +149,22 @@ def stepwise(
     row = np.concatenate([np.arange(len(recording[topic])) for topic in topics])
     order = np.lexsort((row, owner, times))
 
+    taken = 0
+
     def events() -> Iterator[Step]:
+        nonlocal taken
         for index in order.tolist():
+            taken += 1
             topic = topics[owner[index]]
             yield topic, recording[topic].take(slice(int(row[index]), int(row[index]) + 1))
 
     clock_times = recording[clock_topic].time_ns
-    scores = list(think(events()))
+    due = (np.flatnonzero(owner[order] == len(topics) - 1) + 1).tolist()
+    scores: list[float | None] = []
+    for score_of_row in think(events()):
+        if len(scores) < len(due) and taken > due[len(scores)]:
+            raise PluginError(f"a stepwise detector took further events before its score for row {len(scores)} of {clock!r}")
+        scores.append(score_of_row)
     if len(scores) != clock_times.size:
         raise PluginError(f"a stepwise detector yielded {len(scores)} scores for {clock_times.size} rows of {clock!r}")
     score = np.array([np.nan if value is None else value for value in scores], float)

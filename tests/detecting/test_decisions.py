@@ -71,9 +71,30 @@ def test_a_detector_sees_the_blind_recording_only() -> None:
     assert {"reference/pva"} < recording.kinds
     detect(Watcher(NOTHING), recording)
     seen = Watcher.shown[-1]
-    assert seen.kinds == recording.kinds - {"reference/pva"}
+    assert "reference/pva" not in seen.kinds
     assert "origin" in recording.metadata
     assert "origin" not in seen.metadata
+
+
+def test_a_detector_cannot_see_which_kinds_a_variant_lacks() -> None:
+    clean = drive(0, 60.0)
+    declared = {*Watcher.requires, *Watcher.uses}
+    lacking = clean.replace({topic: None for kind in clean.kinds - declared for topic in clean.topics(kind)})
+    for recording in (clean, lacking):
+        detect(Watcher(NOTHING), recording)
+    whole, less = Watcher.shown[-2:]
+    assert whole.kinds == less.kinds == declared
+    assert whole.metadata == less.metadata
+    assert set(whole.metadata["primary"]) == declared
+    assert all(whole[topic] is clean[topic] for topic in whole)
+
+
+def test_metadata_do_not_tell_of_a_source_that_is_gone() -> None:
+    clean = drive(0, 60.0)
+    second = clean.replace({"/gnss1/gnss/pvt": clean.primary("gnss/pvt")}).with_metadata({"source/gnss1": {"solution": "gnss"}})
+    for recording, names in ((second, {"source/gnss1"}), (second.replace({"/gnss1/gnss/pvt": None}), set())):
+        detect(Watcher(NOTHING), recording)
+        assert {name for name in Watcher.shown[-1].metadata if name == "source/gnss1"} == names
 
 
 def test_a_missing_kind_is_named() -> None:
@@ -132,6 +153,19 @@ def test_stepwise_wants_one_score_per_row(yielded: int) -> None:
 
     with pytest.raises(PluginError, match=f"yielded {3 * yielded} scores for 3 rows of 'gnss/pvt'"):
         stepwise(recording_of([1, 2, 3], []), "gnss/pvt", [], think)
+
+
+@pytest.mark.parametrize("ahead", [1, 2])
+def test_stepwise_refuses_a_look_ahead(ahead: int) -> None:
+    def think(steps: Iterator[Step]) -> Iterator[float | None]:
+        for topic, _ in steps:
+            if topic == "/gnss0/gnss/pvt":
+                for _ in range(ahead):
+                    next(steps, None)
+                yield 0.0
+
+    with pytest.raises(PluginError, match="took further events before its score for row 0 of 'gnss/pvt'"):
+        stepwise(recording_of([1, 10, 20], [2, 3, 4, 12, 13, 14]), "gnss/pvt", ["imu"], think)
 
 
 def test_stepwise_needs_its_clock() -> None:

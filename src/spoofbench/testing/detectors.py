@@ -174,12 +174,15 @@ def says_what_is_missing(subject: Subject) -> None:
 
 @dataclass(frozen=True)
 class _Unasked:
-    """A detector that claims to require nothing."""
+    """A detector that claims to require nothing and to use what it requires."""
 
     detector: Detector
     requires: tuple[str, ...] = ()
-    uses: tuple[str, ...] = ()
     memory_s: float = 0.0
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        return (*self.detector.requires, *self.detector.uses)
 
     def detect(self, recording: Recording) -> Any:
         return self.detector.detect(recording)
