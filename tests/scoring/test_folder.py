@@ -38,6 +38,14 @@ def test_an_unattacked_task_has_false_alerts_and_no_detection(bench: Any) -> Non
     assert bench.rows("events") == []
 
 
+def test_alerts_between_epochs_are_false_alerts_too(bench: Any) -> None:
+    bench.add("d")
+    between = Decisions(np.arange(0, 400) * 500_000_000, np.where(np.isin(np.arange(400), [41, 201]), 2.0, 0.5), np.ones(400, bool))
+    write_outcome(bench.path, "t0", Outcome("ok", None, between))
+    (row,) = bench.score()
+    assert (row["episodes"], row["far_epoch"], row["availability"]) == (2, 0.0, 1.0)
+
+
 def test_an_attacked_task_has_detection_and_no_false_alerts(bench: Any) -> None:
     bench.add("d")
     bench.add("d", "replay", alerts=[5, *range(110, 150)], unavailable=range(150, 160))

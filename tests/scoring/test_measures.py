@@ -159,3 +159,31 @@ def test_position_errors() -> None:
     assert measures.error_at(time_ns, error_m, -1) is None
     assert measures.largest_error(error_m, np.array([True, True, True, False, True])) == 20.0
     assert measures.largest_error(error_m, np.array([False, False, True, False, False])) is None
+
+
+@given(
+    rates=st.lists(st.tuples(st.integers(1, 60), st.sampled_from([S // 10, S // 5, S])), min_size=1, max_size=6), seed=st.integers(0, 99)
+)
+def test_hours_are_those_of_the_clock_at_any_rate(rates: list[tuple[int, int]], seed: int) -> None:
+    time_ns = np.cumsum([step for seconds, step in rates for _ in range(seconds * S // step)])
+    counted = np.random.default_rng(seed).random(time_ns.size) < 0.5
+    spent_ns = sum(step for step, known in zip(np.diff(time_ns, prepend=time_ns[:1] - S), counted, strict=True) if known)
+    false = measures.false_alerts(time_ns, np.zeros(time_ns.size, bool), counted, S)
+    assert false.hours == pytest.approx(spent_ns / 3.6e12)
+
+
+def test_a_denser_stretch_without_detector_does_not_join_episodes() -> None:
+    time_ns = np.concatenate([np.arange(100) * S, 100 * S + np.arange(100) * S // 10, (110 + np.arange(100)) * S])
+    alert, counted = np.zeros(300, bool), np.ones(300, bool)
+    counted[100:200] = False
+    alert[[80, 210]] = True
+    assert measures.count_episodes(time_ns, alert, counted, S) == 2
+
+
+@given(st.lists(st.tuples(st.integers(0, 50), st.booleans()), max_size=20, unique_by=lambda row: row[0]))
+def test_what_was_raised_since_the_epoch_before(decisions: list[tuple[int, bool]]) -> None:
+    decisions.sort()
+    at, alert = np.array([t for t, _ in decisions], np.int64), np.array([on for _, on in decisions], bool)
+    epochs = np.array([5, 15, 16, 40])
+    expected = [any(on and before < t <= now for t, on in decisions) for before, now in zip([5, 5, 15, 16], epochs, strict=True)]
+    assert measures.raised_since(epochs, at, alert).tolist() == expected

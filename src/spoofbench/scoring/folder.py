@@ -19,7 +19,7 @@ from spoofbench.errors import ResultsError
 from spoofbench.results import FAILURES, Task, Truth, has_truth, read_outcome, read_tasks, read_truth, write_parquet
 from spoofbench.scoring.estimates import partial_auc, roc
 from spoofbench.scoring.grid import release_guard, score_on_grid, within
-from spoofbench.scoring.measures import Event, detection_pct, error_at, false_alerts, find_events, largest_error, share
+from spoofbench.scoring.measures import Event, detection_pct, error_at, false_alerts, find_events, largest_error, raised_since, share
 
 P_FA_LIMIT = 0.01
 """Largest P_FA per epoch that the partial area under the ROC curve looks at."""
@@ -104,7 +104,7 @@ def score_folder(folder: Path) -> None:
             if task.attack is None:
                 clean_scores[task.recording, task.detector] = score[_clean(truth, task)]
             events[index] = _events(task, truth, decisions, score > 1)
-            rows[index] |= _alerts(task, truth, score) | _detection(truth, score, events[index])
+            rows[index] |= _alerts(task, truth, decisions, score) | _detection(truth, score, events[index])
             rows[index]["partial_auc"] = _partial_auc(clean_scores.get((task.recording, task.detector)), score[truth.spoofed])
     write_parquet(folder / "scores.parquet", pa.Table.from_pylist(rows, SCORE_SCHEMA))
     write_parquet(folder / "events.parquet", pa.Table.from_pylist([event for some in events for event in some], EVENT_SCHEMA))
@@ -132,13 +132,14 @@ def _clean(truth: Truth, task: Task) -> NDArray[np.bool_]:
     return ~(within(truth.time_ns, truth.intervals) | release_guard(truth.time_ns, truth.intervals, task.memory_s))
 
 
-def _alerts(task: Task, truth: Truth, score: _Floats) -> _Cells:
+def _alerts(task: Task, truth: Truth, decisions: Decisions, score: _Floats) -> _Cells:
     """Alerts over all epochs and, of an unattacked task, false alerts over the clean ones."""
     available, alert, every = ~np.isnan(score), score > 1, np.ones(score.size, bool)
     cells: _Cells = {"epochs": score.size, "availability": share(available, every), "alert_fraction": share(alert, every)}
     if task.attack is not None:
         return cells
-    false = false_alerts(truth.time_ns, alert, available & _clean(truth, task), truth.epoch_ns)
+    raised = raised_since(truth.time_ns, decisions.time_ns, decisions.alert)
+    false = false_alerts(truth.time_ns, alert, available & _clean(truth, task), truth.epoch_ns, raised)
     return cells | {
         "far_per_hour": false.per_hour,
         "far_per_hour_lo": false.per_hour_lo,

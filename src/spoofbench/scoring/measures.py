@@ -86,7 +86,7 @@ def count_episodes(time_ns: Times, alert: Flags, counted: Flags, epoch_ns: int) 
     last alert. Both run on a clock that stands still at epochs that do not count, such as unavailable ones:
     they neither split nor prolong an episode, as they do not add to the hours that it is divided by.
     """
-    clock_ns = time_ns - np.cumsum(~counted) * epoch_ns
+    clock_ns = np.cumsum(np.where(counted, _steps_ns(time_ns, epoch_ns), 0))
     on_ns = clock_ns[alert & counted]
     if on_ns.size == 0:
         return 0
@@ -95,11 +95,32 @@ def count_episodes(time_ns: Times, alert: Flags, counted: Flags, epoch_ns: int) 
     return int((1 + (on_ns[ends] - on_ns[begins]) // AGAIN_NS).sum())
 
 
-def false_alerts(time_ns: Times, alert: Flags, counted: Flags, epoch_ns: int) -> FalseAlerts:
-    """Return the false alerts on the available clean epochs, which ``counted`` marks."""
-    return false_alert_rate(
-        count_episodes(time_ns, alert, counted, epoch_ns), int(counted.sum()) * epoch_ns / 3.6e12, share(alert, counted)
-    )
+def false_alerts(time_ns: Times, alert: Flags, counted: Flags, epoch_ns: int, raised: Flags | None = None) -> FalseAlerts:
+    """Return the false alerts on the available clean epochs, which ``counted`` marks.
+
+    Each epoch stands for the time since the one before it, the first for ``epoch_ns``. ``raised`` marks epochs since
+    whose predecessor any decision was an alert: what may count as a detection counts as a false alert.
+    """
+    hours = int(_steps_ns(time_ns, epoch_ns)[counted].sum()) / 3.6e12
+    alarm = alert if raised is None else alert | raised
+    return false_alert_rate(count_episodes(time_ns, alarm, counted, epoch_ns), hours, share(alert, counted))
+
+
+def _steps_ns(time_ns: Times, epoch_ns: int) -> Times:
+    """Time since the epoch before, int64 ``(n,)``."""
+    return np.diff(time_ns, prepend=time_ns[:1] - epoch_ns)
+
+
+def raised_since(time_ns: Times, at_ns: Times, alert: Flags) -> Flags:
+    """Whether an alert was decided after the epoch before and up to each epoch, bool ``(n,)``.
+
+    Args:
+        time_ns: epochs, ``(n,)``.
+        at_ns, alert: decisions, ``(m,)``.
+    """
+    alerts = np.concatenate([[0], np.cumsum(alert)])[np.searchsorted(at_ns, time_ns, "right")]
+    raised: Flags = np.diff(alerts, prepend=alerts[:1]) > 0
+    return raised
 
 
 def false_alert_rate(episodes: int, hours: float, epoch: float | None) -> FalseAlerts:
