@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spoofbench.attacks.contract import falsify, supply_of
+from spoofbench.attacks.predicting import Extrapolate
 from spoofbench.attacks.replaying import Meacon, RepeatBack, Replay, nearest_rows
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Column, Interval, Recording, Table
@@ -48,6 +49,20 @@ def test_replayed_rows_are_whole_rows_of_the_shifted_time(delay_s: float) -> Non
         assert np.array_equal(variant[name][inside], table[name][rows], equal_nan=True)
     missing = [t for t in table.time_ns[window.covers(table.time_ns)] if np.abs(table.time_ns + delay_s * 1e9 - t).min() > 0.5e9]
     assert set(table.time_ns) - set(variant.time_ns) == set(missing)
+
+
+@pytest.mark.parametrize("delay_s", [2.0, 2.4, 2.5, 2.6])
+@pytest.mark.parametrize("attack", [RepeatBack, Extrapolate])
+def test_jitter_neither_repeats_nor_drops_a_delayed_row(attack: type[RepeatBack] | type[Extrapolate], delay_s: float) -> None:
+    clean = _marked(drive(5, 40.0, flaws=False))
+    table = clean[PVT]
+    jitter = np.random.default_rng(1).integers(-8_000_000, 8_000_000, len(table))
+    clean = clean.replace({PVT: Table("gnss/pvt", np.sort(table.time_ns + jitter), {name: table.column(name) for name in table})})
+    window = _window(clean, 10, 39)
+    variant = falsify("delayed", attack(delay_s), clean, window, 0)[PVT]
+    assert np.array_equal(variant.time_ns, clean[PVT].time_ns)
+    rows = variant["num_sv"][window.covers(variant.time_ns)].astype(int)
+    assert set(np.diff(rows)) == {1}
 
 
 def test_what_a_replayed_row_lacks_stays_lacking() -> None:

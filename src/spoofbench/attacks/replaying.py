@@ -28,6 +28,17 @@ def nearest_rows(time_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64], withi
     return np.where(np.abs(time_ns[nearest] - wanted_ns) <= within_ns, nearest, -1)
 
 
+def rows_in_step(time_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64], within_ns: float) -> Rows:
+    """Return the nearest rows as :func:`nearest_rows` does, once the first of them that exists lies at its wanted time.
+
+    Epochs of two times or receivers differ in phase: near half an interval, jitter alone would choose between two rows.
+    """
+    nearest = nearest_rows(time_ns, wanted_ns, within_ns)
+    first = np.flatnonzero(nearest >= 0)[:1]
+    phase_ns = int((time_ns[nearest[first]] - wanted_ns[first]).sum())
+    return nearest_rows(time_ns, wanted_ns + phase_ns, within_ns)
+
+
 def rows_within(table: Table, window: Interval) -> Rows:
     """Return the numbers of the rows within an interval."""
     return np.flatnonzero(window.covers(table.time_ns))
@@ -58,9 +69,9 @@ def with_rows_of(victim: Table, rows: Rows, donor: Table, sources: Rows) -> Tabl
 
 
 def delayed_rows(table: Table, rows: Rows, delay_s: float) -> Rows:
-    """Return the rows nearest to the times of ``rows`` less a delay, -1 where none is within half a nominal interval."""
+    """Return the rows in step with the times of ``rows`` less a delay, -1 where none is within half a nominal interval."""
     wanted_ns = table.time_ns[rows] - round(delay_s * 1e9)
-    return nearest_rows(table.time_ns, wanted_ns, interval_s(table) * 0.5e9)
+    return rows_in_step(table.time_ns, wanted_ns, interval_s(table) * 0.5e9)
 
 
 def require_delay(clean: Recording, delay_s: float) -> None:
@@ -96,7 +107,7 @@ def _require_at_least_0(name: str, value: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Delayed:
-    """Whole rows of the receiver's own as of ``delay_s`` earlier, the nearest one within half a nominal interval.
+    """Whole rows of the receiver's own as of ``delay_s`` earlier, rounded to whole epochs.
 
     An epoch without such a row is deleted.
     """
@@ -224,10 +235,7 @@ class Meacon:
         if not self.resample and abs(ours - theirs) > _SAME_RATE * min(ours, theirs):
             raise NotApplicable(f"the donor's interval is {theirs:.4g} s, the victim's {ours:.4g} s; resample=true takes the nearest rows")
         wanted_ns = victim.time_ns[rows] + shift_ns
-        # epochs of two receivers differ in phase: aligned at the first one, jitter does not swap the nearest rows
-        nearest = nearest_rows(donor.time_ns, wanted_ns[:1], theirs * 1e9)[0]
-        phase_ns = 0 if nearest < 0 else donor.time_ns[nearest] - wanted_ns[0]
-        return with_rows_of(victim, rows, donor, nearest_rows(donor.time_ns, wanted_ns + phase_ns, max(ours, theirs) * 0.5e9))
+        return with_rows_of(victim, rows, donor, rows_in_step(donor.time_ns, wanted_ns, max(ours, theirs) * 0.5e9))
 
 
 def _counterpart(clean: Recording, donor: Recording, topic: str) -> Table | None:
