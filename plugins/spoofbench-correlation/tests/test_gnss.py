@@ -60,3 +60,8 @@ def test_no_velocity_without_a_fix() -> None:
     velocity = gnss.velocity(epochs([1, 2, 3], [0, 0, 0], fix_type=[4, 1, 6]))
     assert np.isnan(velocity.ned_mps[0]).tolist() == [False, True, True]
     assert np.isnan(gnss.heading_rate(velocity)).all()
+
+
+def test_a_dead_reckoned_velocity_is_not_compared_with_what_it_comes_from() -> None:
+    velocity = gnss.velocity(epochs([1, 2, 3], [0, 0, 0], fix_type=[4, 2, 5]))
+    assert np.isnan(velocity.ned_mps[0]).tolist() == [False, True, False]

@@ -11,7 +11,8 @@ from spoofbench.schema.v1 import gnss_pb2
 Floats = NDArray[np.float64]
 
 LONGEST_PAIR_S = 2.5  # over a longer gap the vehicle turns under its mean acceleration
-_NO_VELOCITY = (gnss_pb2.FIX_TYPE_NONE, gnss_pb2.FIX_TYPE_TIME_ONLY)
+# a dead-reckoned velocity is the inertial sensors' own: compared with them, it agrees with itself
+_NO_VELOCITY = (gnss_pb2.FIX_TYPE_NONE, gnss_pb2.FIX_TYPE_DEAD_RECKONING, gnss_pb2.FIX_TYPE_TIME_ONLY)
 
 
 class Velocity(NamedTuple):
