@@ -91,10 +91,15 @@ class Trainable(Detector, Protocol):
         ...
 
 
-def detect(detector: Detector, recording: Recording) -> Decisions:
+def detect(detector: Detector, recording: Recording, withheld: frozenset[str] = frozenset()) -> Decisions:
     """Run a detector on the kinds that it declares of the blind part of a recording.
 
     Variants lack the kinds that their attack does not model: whoever saw that would know a variant from a clean recording.
+
+    Args:
+        detector: what decides.
+        recording: blind or not.
+        withheld: kinds that it uses, but is to do without.
 
     Raises:
         RecordingError: the recording lacks a kind that the detector requires.
@@ -104,7 +109,7 @@ def detect(detector: Detector, recording: Recording) -> Decisions:
     missing = [kind for kind in detector.requires if kind not in blind.kinds]
     if missing:
         raise RecordingError(f"the detector requires {missing[0]!r}, which the recording lacks")
-    decisions = detector.detect(_declared(blind, {*detector.requires, *detector.uses}))
+    decisions = detector.detect(_declared(blind, {*detector.requires, *(set(detector.uses) - withheld)}))
     if not isinstance(decisions, Decisions):
         raise PluginError(f"a detector must return Decisions, not {type(decisions).__name__}")
     return decisions

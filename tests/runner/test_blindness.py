@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from spoofbench.recording import Recording
-from spoofbench.results import read_tasks
+from spoofbench.results import read_outcome, read_tasks
 from spoofbench.runner import run
 from spoofbench.runner.material import Shelf, Store
 from spoofbench.suite import AttackEntry, DetectorEntry, Limits, RecordingEntry, Suite
@@ -46,6 +46,12 @@ def test_the_spy_finds_what_is_there(make_suite: MakeSuite, logs: Path, tmp_path
     ((status, reason),) = spy_on(make_suite, logs, tmp_path, ("no such word anywhere", "/gnss0/gnss/pvt"))
     assert status == "failed"
     assert (reason or "").startswith("AssertionError: found word 1")
+
+
+def test_a_missing_kind_does_not_tell_an_attack(make_suite: MakeSuite, tmp_path: Path) -> None:
+    run(make_suite(["opportunist"]), tmp_path)
+    alerts = {task.attack: read_outcome(tmp_path, task.task_id).decisions.alert.all() for task in read_tasks(tmp_path)}
+    assert alerts == {None: True, "nudge": True}
 
 
 def test_material_is_the_blind_part_alone(tmp_path: Path) -> None:

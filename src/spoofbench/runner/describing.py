@@ -11,7 +11,7 @@ from spoofbench.suite import RATE_PARAMETER
 
 
 def work(talk: Talk, group: plugins.Group, name: str, parameters: dict[str, Any], rate_per_hour: float | None) -> None:
-    """Send all parameters of the plugin, and a detector's contract.
+    """Send all parameters of the plugin, and its contract.
 
     The status is ``failed`` if it cannot be loaded, ``refused`` if it does not take the suite's parameters.
     """
@@ -34,7 +34,10 @@ def work(talk: Talk, group: plugins.Group, name: str, parameters: dict[str, Any]
     try:
         about: dict[str, Any] = {"parameters": {field.name: plain(getattr(made, field.name)) for field in fields(made) if field.init}}
         if group == plugins.DETECTORS:
-            about |= {"requires": [str(kind) for kind in made.requires], "memory_s": float(made.memory_s)}
+            kinds = {name: [str(kind) for kind in getattr(made, name)] for name in ("requires", "uses")}
+            about |= {**kinds, "memory_s": float(made.memory_s)}
+        else:
+            about |= {"models": sorted(map(str, made.models))}
     except Exception as error:  # noqa: BLE001, properties of a plugin may raise anything
         talk.send(status="failed", reason=one_line(error))
         return

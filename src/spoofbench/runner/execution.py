@@ -44,7 +44,8 @@ def describe(server: Server, suite: Suite, group: plugins.Group, entry: AttackEn
         return Part(entry, plugin, given, given, code, problem=("failed", about["reason"]))
     if target is not None and RATE_PARAMETER in about["parameters"]:
         given.setdefault(RATE_PARAMETER, target)
-    return Part(entry, plugin, given, about["parameters"], code, tuple(about.get("requires", ())), about.get("memory_s", 0.0))
+    kinds = {name: tuple(about.get(name, ())) for name in ("requires", "uses", "models")}
+    return Part(entry, plugin, given, about["parameters"], code, memory_s=about.get("memory_s", 0.0), **kinds)
 
 
 class Preparation:
@@ -194,6 +195,7 @@ class Group:
                 parameters=dict(self.detector.given),
                 material=str(self.material),
                 variants=[task.variant.number for task in tasks],
+                withheld=sorted(tasks[0].withheld),
                 memory_mb=self.limits.memory_mb,
             )
             try:

@@ -23,6 +23,8 @@ class Part:
         given: the parameters to make it with.
         full: all its parameters.
         code: digest of its code.
+        requires, uses, memory_s: a detector's contract.
+        models: kinds whose change an attack models.
         problem: set where the plugin cannot be loaded.
     """
 
@@ -32,7 +34,9 @@ class Part:
     full: Mapping[str, Any]
     code: str
     requires: tuple[str, ...] = ()
+    uses: tuple[str, ...] = ()
     memory_s: float = 0.0
+    models: tuple[str, ...] = ()
     problem: Problem | None = None
 
     @property
@@ -83,11 +87,12 @@ class Variant:
 
 @dataclass(frozen=True, slots=True)
 class PlannedTask:
-    """One detector on one variant."""
+    """One detector on one variant; it has to do without the ``withheld`` kinds."""
 
     id: str
     variant: Variant
     detector: Part
+    withheld: frozenset[str] = frozenset()
 
     def row(self, target_far_per_hour: float, status: Status, reason: str | None) -> Task:
         """Return its row of the table of tasks."""
@@ -125,8 +130,20 @@ def plan(suite: Suite, recording: RecordingEntry, survey: Survey, attacks: Seque
     tasks = []
     for name, (attack, seed) in zip(ids, attempts, strict=True):
         variant = Variant(name, numbers[name], recording, attack, _window(survey, attack, seed), seed, _problem(survey, attack))
-        tasks += [PlannedTask(_task_id(suite, variant, detector), variant, detector) for detector in detectors]
+        for detector in detectors:
+            withheld = _withheld(detector, survey, attacks)
+            tasks.append(PlannedTask(_task_id(suite, variant, detector, withheld), variant, detector, withheld))
     return tasks
+
+
+def _withheld(detector: Part, survey: Survey, attacks: Sequence[Part]) -> frozenset[str]:
+    """The kinds that a detector could use and that not every variant of the recording keeps.
+
+    False alerts and detections are then those of the same detector, and a kind that is missing tells nothing.
+    """
+    kept = [set(attack.models) for attack in attacks if not attack.problem and attack.entry.id not in survey.unfit]
+    optional = (set(detector.uses) - set(detector.requires)) & survey.kinds
+    return frozenset(kind for kind in optional if KINDS[kind].is_gnss_derived and not all(kind in models for models in kept))
 
 
 def lacking(detector: Part, survey: Survey, kinds: frozenset[str]) -> Problem | None:
@@ -155,9 +172,10 @@ def _variant_id(recording: RecordingEntry, survey: Survey, attack: Part | None, 
     )
 
 
-def _task_id(suite: Suite, variant: Variant, detector: Part) -> str:
+def _task_id(suite: Suite, variant: Variant, detector: Part, withheld: frozenset[str]) -> str:
     limits = {"time_s": suite.limits.time_s, "memory_mb": suite.limits.memory_mb}
-    return identity.identify(versions=identity.versions(), variant=variant.id, detector=detector.inputs, limits=limits)
+    inputs = {"detector": detector.inputs, "withheld": sorted(withheld), "limits": limits}
+    return identity.identify(versions=identity.versions(), variant=variant.id, **inputs)
 
 
 def _window(survey: Survey, attack: Part | None, seed: int | None) -> Interval | None:

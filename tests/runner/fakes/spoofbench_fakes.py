@@ -48,6 +48,17 @@ class Slow(Steady):
 
 
 @dataclass(frozen=True)
+class Opportunist(Steady):
+    """Alerts where a kind is missing that it can do without: attacks do not model it."""
+
+    uses: ClassVar[tuple[str, ...]] = ("gnss/signal",)
+
+    def detect(self, recording: Recording) -> Decisions:
+        pvt = recording.primary(PVT)
+        return Decisions(pvt.time_ns, np.full(len(pvt), 0.0 if recording.topics("gnss/signal") else 2.0), np.ones(len(pvt), bool))
+
+
+@dataclass(frozen=True)
 class Rated(Steady):
     """Wants to know the target false-alert rate."""
 
