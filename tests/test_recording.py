@@ -94,6 +94,7 @@ def test_until_includes_its_time_and_between_is_half_open() -> None:
     recording = Recording({"/imu0/imu": _imu([1, 2, 2, 3])})
     assert recording.until(2)["/imu0/imu"].time_ns.tolist() == [1, 2, 2]
     assert recording.between(1, 3)["/imu0/imu"].time_ns.tolist() == [1, 2, 2]
+    assert recording["/imu0/imu"].between(2, 3).time_ns.tolist() == [2, 2]
     assert recording.span == Interval(1, 4)
 
 

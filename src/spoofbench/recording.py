@@ -210,9 +210,9 @@ class Table(Mapping[str, NDArray[Any]]):
         """Return the rows at or before a time."""
         return self.take(slice(0, int(np.searchsorted(self.time_ns, time_ns, "right"))))
 
-    def between(self, interval: Interval) -> "Table":
-        """Return the rows within a half-open interval."""
-        first, last = np.searchsorted(self.time_ns, (interval.start_ns, interval.end_ns), "left")
+    def between(self, start_ns: int, end_ns: int) -> "Table":
+        """Return the rows within ``[start_ns, end_ns)``."""
+        first, last = np.searchsorted(self.time_ns, (start_ns, end_ns), "left")
         return self.take(slice(int(first), int(last)))
 
     def last_per_time(self) -> "Table":
@@ -310,8 +310,7 @@ class Recording(Mapping[str, Table]):
 
     def between(self, start_ns: int, end_ns: int) -> "Recording":
         """Return all rows within ``[start_ns, end_ns)``."""
-        interval = Interval(start_ns, end_ns)
-        return Recording({topic: self[topic].between(interval) for topic in self}, self.metadata)
+        return Recording({topic: self[topic].between(start_ns, end_ns) for topic in self}, self.metadata)
 
     def blind(self) -> "Recording":
         """Return what a detector may see: an allow-list of sensor kinds and neutral metadata.

@@ -72,7 +72,7 @@ def _all_features(clean: Recording, name: str) -> Iterator[tuple[Bits, Bits]]:
             continue
         pair = []
         for recording in (clean, variant):
-            table = recording.primary(PVT).between(window)
+            table = recording.primary(PVT).between(window.start_ns, window.end_ns)
             moving = np.hypot(table["vel_n_mps"], table["vel_e_mps"]) > 2
             pair.append(_features(recording, table.take(moving)))
         yield pair[0], pair[1]

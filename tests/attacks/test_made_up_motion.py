@@ -29,7 +29,7 @@ def _ideal(north: Callable[[Floats], Floats], speed: Callable[[Floats], Floats],
 
 
 def _inside(recording: Recording, window: Interval) -> Table:
-    return recording[PVT].between(window)
+    return recording[PVT].between(window.start_ns, window.end_ns)
 
 
 WINDOW = Interval(40 * 10**9, 80 * 10**9)

@@ -128,7 +128,7 @@ def test_another_rate_is_refused_unless_asked_for() -> None:
     variant = falsify("meacon", Meacon(resample=True), clean, window, 0, [donor])
     assert '"resample":true' in variant["/truth/attack"].words("parameters")[0]
     positions = set(zip(donor[PVT]["lat_deg"].tolist(), donor[PVT]["lon_deg"].tolist(), strict=True))
-    inside = variant[PVT].between(window)
+    inside = variant[PVT].between(window.start_ns, window.end_ns)
     attacked = set(zip(inside["lat_deg"].tolist(), inside["lon_deg"].tolist(), strict=True))
     assert {pair for pair in attacked if pair[0] == pair[0]} <= positions
 
@@ -142,8 +142,9 @@ def test_a_source_without_counterpart_leaves_the_variant() -> None:
 def test_sources_of_other_names_match_primary_to_primary() -> None:
     clean, other = drive(5, 120.0), drive(6, 120.0)
     donor = Recording({"/rover/gnss/pvt": other[PVT]})
-    variant = falsify("meacon", Meacon(), clean, _window(clean, 60, 80), 0, [donor])
-    assert set(variant[PVT].between(_window(clean, 60, 80))["lat_deg"].tolist()) <= {*other[PVT]["lat_deg"].tolist()}
+    window = _window(clean, 60, 80)
+    inside = falsify("meacon", Meacon(), clean, window, 0, [donor])[PVT].between(window.start_ns, window.end_ns)
+    assert set(inside["lat_deg"].tolist()) <= {*other[PVT]["lat_deg"].tolist()}
 
 
 def test_each_source_is_aligned_with_its_donor() -> None:
@@ -154,7 +155,8 @@ def test_each_source_is_aligned_with_its_donor() -> None:
     # half an epoch out of step with the primary, where jitter would swap the nearest rows
     donor = donor.replace({topic: Table("gnss/pvt", table.time_ns + 10**8, {**columns, "num_sv": np.arange(len(table))})})
     window = _window(clean, 60, 80)
-    rows = falsify("meacon", Meacon(), clean, window, 0, [donor])[topic].between(window)["num_sv"].astype(int)
+    inside = falsify("meacon", Meacon(), clean, window, 0, [donor])[topic].between(window.start_ns, window.end_ns)
+    rows = inside["num_sv"].astype(int)
     assert rows.size >= 99
     assert np.all(np.diff(rows) == 1)
 
