@@ -8,7 +8,6 @@ import pytest
 from spoofbench_correlation import Correlation
 
 from spoofbench.detecting import Decisions, detect
-from spoofbench.errors import PluginError
 from spoofbench.recording import Recording, Table
 from spoofbench.testing import drive, spoofed_drive
 
@@ -208,5 +207,5 @@ def test_too_few_epochs_are_unavailable(rows: int) -> None:
 )
 def test_refuses_parameters_that_make_no_sense(parameters: dict[str, Any]) -> None:
     (name, value), *_ = parameters.items()
-    with pytest.raises(PluginError, match=f"{name} must be .*{value!r}"):
+    with pytest.raises(ValueError, match=f"{name} must be .*{value!r}"):
         Correlation(**parameters)

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.detecting import Decisions
-from spoofbench.errors import PluginError
 from spoofbench.recording import Recording
 
 SLOT_NS = 1_000_000_000  # chance is drawn once per second of the clock, whatever the receiver's rate
@@ -59,9 +58,9 @@ class _Alarms:
 
     def __post_init__(self) -> None:
         if not self.alert_s >= 1:
-            raise PluginError(f"alert_s must be at least 1, not {self.alert_s!r}")
+            raise ValueError(f"alert_s must be at least 1, not {self.alert_s!r}")
         if not 0 < self.rate_per_hour * self.alert_s < 3600:
-            raise PluginError(f"rate_per_hour must be positive and below 3600 / alert_s, not {self.rate_per_hour!r}")
+            raise ValueError(f"rate_per_hour must be positive and below 3600 / alert_s, not {self.rate_per_hour!r}")
 
     @property
     def memory_s(self) -> float:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.detecting import Decisions
-from spoofbench.errors import PluginError
 from spoofbench.recording import Recording, Table
 from spoofbench_correlation import gnss, gravity, imu, windows
 from spoofbench_correlation.series import Comparison, series
@@ -71,7 +70,7 @@ class Correlation:
     def __post_init__(self) -> None:
         for name, value, words in (("statistic", self.statistic, Statistic), ("gravity", self.gravity, Gravity)):
             if value not in get_args(words):
-                raise PluginError(f"{name} must be one of {list(get_args(words))}, not {value!r}")
+                raise ValueError(f"{name} must be one of {list(get_args(words))}, not {value!r}")
         checks = {
             "alpha": (0 <= self.alpha <= 1, "between 0 and 1"),
             "threshold": (-1 <= self.threshold < 1, "at least -1 and below 1"),
@@ -88,7 +87,7 @@ class Correlation:
         }
         for name, (good, rule) in checks.items():
             if not good:
-                raise PluginError(f"{name} must be {rule}, not {getattr(self, name)!r}")
+                raise ValueError(f"{name} must be {rule}, not {getattr(self, name)!r}")
 
     @property
     def memory_s(self) -> float:

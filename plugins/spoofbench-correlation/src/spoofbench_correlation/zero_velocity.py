@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.detecting import Decisions
-from spoofbench.errors import PluginError
 from spoofbench.recording import Recording
 from spoofbench_correlation import gnss, imu, windows
 
@@ -53,16 +52,16 @@ class ZeroVelocity:
 
     def __post_init__(self) -> None:
         if self.contradiction not in get_args(Contradiction):
-            raise PluginError(f"contradiction must be one of {list(get_args(Contradiction))}, not {self.contradiction!r}")
+            raise ValueError(f"contradiction must be one of {list(get_args(Contradiction))}, not {self.contradiction!r}")
         if not 0 <= self.lag_s < np.inf:
-            raise PluginError(f"lag_s must be 0 or more, or a decision would rest on the future, not {self.lag_s!r}")
+            raise ValueError(f"lag_s must be 0 or more, or a decision would rest on the future, not {self.lag_s!r}")
         if not 0 < self.min_share <= 1:
-            raise PluginError(f"min_share must be above 0 and at most 1, not {self.min_share!r}")
+            raise ValueError(f"min_share must be above 0 and at most 1, not {self.min_share!r}")
         if not 0 < 2 * self.smooth_s <= self.span_s:
-            raise PluginError(f"smooth_s must be positive and at most half of span_s = {self.span_s!r}, not {self.smooth_s!r}")
+            raise ValueError(f"smooth_s must be positive and at most half of span_s = {self.span_s!r}, not {self.smooth_s!r}")
         for name in ("speed_mps", "force_std_mps2", "rate_rms_radps", "window_s", "threshold_per_min"):
             if not 0 < getattr(self, name) < np.inf:
-                raise PluginError(f"{name} must be positive and finite, not {getattr(self, name)!r}")
+                raise ValueError(f"{name} must be positive and finite, not {getattr(self, name)!r}")
 
     @property
     def memory_s(self) -> float:
