@@ -97,7 +97,7 @@ def attack(
     """Write a spoofed variant with its truth."""
     from spoofbench.attacks.files import attack_file
 
-    rows = attack_file(file, out, name, _values(parameters), donors or [], (start, duration), seed)
+    rows = attack_file(file, out, name, _values(parameters), donors or [], start_s=start, duration_s=duration, seed=seed)
     if as_json:
         _print_json(rows)
     else:

@@ -18,7 +18,9 @@ def attack_file(
     name: str,
     parameters: Mapping[str, Any],
     donors: Sequence[Path] = (),
-    window_s: tuple[float | None, float] = (None, 120.0),
+    *,
+    start_s: float | None = None,
+    duration_s: float = 120.0,
     seed: int = 0,
 ) -> list[dict[str, Any]]:
     """Write the variant of a recording under an attack, and return its truth rows.
@@ -27,7 +29,8 @@ def attack_file(
         file, out: clean recording and variant.
         name, parameters: the attack's entry point and fields.
         donors: recordings that it may take signals from.
-        window_s: start in seconds after the recording's first row (None: drawn by the seed), and duration.
+        start_s: of the window, after the recording's first row; None draws it by the seed.
+        duration_s: of the window.
         seed: of the window and of whatever the attack draws.
 
     Returns:
@@ -40,7 +43,6 @@ def attack_file(
     """
     attack = plugins.make(plugins.ATTACKS, name, parameters)
     clean, given = read(file), [read(donor) for donor in donors]
-    start_s, duration_s = window_s
     if start_s is None:
         window = draw_window(seed, clean.digest(), seed, supply_of(attack, clean, given), duration_s)
     else:
