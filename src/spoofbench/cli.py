@@ -174,10 +174,10 @@ def plugins(as_json: AsJson = False) -> None:
 def check(name: str, parameters: Parameters = None, as_json: AsJson = False) -> None:
     """Hold a detector or an attack to its contract."""
     from spoofbench import plugins as installed
-    from spoofbench.testing import run_attack_checks, run_checks
+    from spoofbench.testing import run_attack_checks, run_detector_checks
 
     is_attack = name in installed.found(installed.ATTACKS) and name not in installed.found(installed.DETECTORS)
-    results = (run_attack_checks if is_attack else run_checks)(name, _values(parameters))
+    results = (run_attack_checks if is_attack else run_detector_checks)(name, _values(parameters))
     if as_json:
         _print_json([{"check": r.name, "passed": r.passed, "reason": r.reason} for r in results])
     else:

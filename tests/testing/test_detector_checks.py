@@ -11,7 +11,7 @@ import pytest
 
 from spoofbench.detecting import Decisions, Detector
 from spoofbench.errors import PluginError
-from spoofbench.testing import CheckFailed, check_detector, run_checks
+from spoofbench.testing import CheckFailed, check_detector, run_detector_checks
 from spoofbench.testing.detectors import LAWS
 from spoofbench.testing.subject import difference
 
@@ -65,7 +65,7 @@ def test_an_honest_detector_passes(check: Any) -> None:
 @pytest.mark.parametrize(("detector", "law"), [pytest.param(*pair, id=pair[0].__name__) for pair in BROKEN.items()])
 def test_a_broken_law_is_named(detector: type[Detector], law: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(bad.ATTACKED, "from_ns", 1_700_000_000_000_000_000 + 120 * 10**9)
-    failed = {result.name: result.reason for result in run_checks(detector()) if not result.passed}
+    failed = {result.name: result.reason for result in run_detector_checks(detector()) if not result.passed}
     assert law in failed
     assert failed[law]
 
@@ -115,6 +115,6 @@ def test_difference(left: Decisions | None, right: Decisions | None, until: int 
 
 def test_a_missing_plugin_is_an_error_not_a_result() -> None:
     with pytest.raises(PluginError, match="no detector is called 'no-such'"):
-        run_checks("no-such")
+        run_detector_checks("no-such")
     with pytest.raises(PluginError, match="no detector is called 'no-such'"):
         check_detector("no-such", level=3).args[1][0]()

@@ -35,7 +35,7 @@ def check_detector(detector: str | Detector, /, **parameters: Any) -> "pytest.Ma
     return parametrised(LAWS, Subject(detector, MappingProxyType(parameters)))
 
 
-def run_checks(detector: str | Detector, parameters: Mapping[str, Any] = MappingProxyType({})) -> list[CheckResult]:
+def run_detector_checks(detector: str | Detector, parameters: Mapping[str, Any] = MappingProxyType({})) -> list[CheckResult]:
     """Run all checks of a detector and return what each said.
 
     Raises:
