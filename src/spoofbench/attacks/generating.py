@@ -39,13 +39,7 @@ class ZeroAcceleration:
         if not 0 <= self.strength <= 1:
             raise ValueError(f"strength must be between 0 and 1, not {self.strength!r}")
 
-    def apply(
-        self,
-        clean: Recording,
-        window: Interval,
-        rng: np.random.Generator,
-        donors: Sequence[Recording] = (),  # noqa: ARG002
-    ) -> Recording:
+    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
         draw = rng.random()
         return clean.replace({topic: self._held(clean[topic], window, draw) for topic in clean.topics(PVT)})
 
@@ -143,13 +137,7 @@ class DragOff:
     def strength(self) -> float:
         return self.rate_mps
 
-    def apply(
-        self,
-        clean: Recording,
-        window: Interval,
-        rng: np.random.Generator,
-        donors: Sequence[Recording] = (),  # noqa: ARG002
-    ) -> Recording:
+    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
         direction = rng.uniform(0, 2 * np.pi) if self.direction_deg is None else np.radians(self.direction_deg)
         level = np.sqrt(1 - self.vertical_share**2)
         unit = np.array([level * np.cos(direction), level * np.sin(direction), -self.vertical_share])

@@ -40,16 +40,10 @@ class Extrapolate:
     def strength(self) -> float:
         return self.delay_s
 
-    def supply(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:  # noqa: ARG002
+    def supply(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
         return supply_from(clean, _history_s(clean, self.delay_s))
 
-    def apply(
-        self,
-        clean: Recording,
-        window: Interval,
-        rng: np.random.Generator,  # noqa: ARG002
-        donors: Sequence[Recording] = (),  # noqa: ARG002
-    ) -> Recording:
+    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
         return _predicted(clean, window, self.delay_s, 0.0)
 
 
@@ -68,16 +62,10 @@ class ExtrapolateSmooth(Extrapolate):
         if not (np.isfinite(self.smooth_s) and self.smooth_s > 0):
             raise ValueError(f"smooth_s must be finite and above 0, not {self.smooth_s!r}")
 
-    def supply(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:  # noqa: ARG002
+    def supply(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
         return supply_from(clean, _history_s(clean, self.delay_s) + self.smooth_s)
 
-    def apply(
-        self,
-        clean: Recording,
-        window: Interval,
-        rng: np.random.Generator,  # noqa: ARG002
-        donors: Sequence[Recording] = (),  # noqa: ARG002
-    ) -> Recording:
+    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
         return _predicted(clean, window, self.delay_s, self.smooth_s)
 
 

@@ -126,16 +126,10 @@ class Delayed:
     def strength(self) -> float:
         return self.delay_s
 
-    def supply(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:  # noqa: ARG002
+    def supply(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
         return supply_from(clean, self.delay_s)
 
-    def apply(
-        self,
-        clean: Recording,
-        window: Interval,
-        rng: np.random.Generator,  # noqa: ARG002
-        donors: Sequence[Recording] = (),  # noqa: ARG002
-    ) -> Recording:
+    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
         require_delay(clean, self.delay_s)
         tables: dict[str, Table | None] = {}
         for topic in clean.topics(PVT):
