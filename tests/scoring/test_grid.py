@@ -111,6 +111,13 @@ def test_rows_of_one_time_are_one_epoch() -> None:
     assert seconds(build_truth(*[recording([0, 1, 1, 2])] * 2)) == [0, 1, 2]
 
 
+def test_of_rows_of_one_time_the_last_counts_as_it_does_for_detectors() -> None:
+    clean = recording([0, 1, 1, 2])
+    pvt = clean["/gnss0/gnss/pvt"]
+    moved = clean.replace({"/gnss0/gnss/pvt": pvt.replace(lat_deg=pvt["lat_deg"] + np.array([0.0, 1.0, 0.0, 0.0]))})
+    assert build_truth(clean, moved).position_error_m.tolist() == [0.0, 0.0, 0.0]
+
+
 def test_too_few_epochs_and_endless_gaps_are_refused() -> None:
     with pytest.raises(RecordingError, match="1 'gnss/pvt' epochs"):
         build_truth(*[recording([0])] * 2)

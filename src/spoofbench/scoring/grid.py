@@ -93,8 +93,7 @@ def _epochs(recording: Recording) -> Table:
     """The primary PVT, one row per time; empty where an attack that does not model it has removed it."""
     if not recording.topics("gnss/pvt"):
         return Table("gnss/pvt", np.empty(0, np.int64), {})
-    table = recording.primary("gnss/pvt")
-    return table.take(np.unique(table.time_ns, return_index=True)[1])
+    return recording.primary("gnss/pvt").last_per_time()
 
 
 def _intervals(variant: Recording) -> tuple[Interval, ...]:

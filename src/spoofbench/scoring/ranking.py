@@ -30,7 +30,7 @@ class Row:
         detection_pct: mean over attacked tasks, failures as 0; ``lo`` and ``hi`` by bootstrap over sessions, None below 5.
         restricted_mean_ttfd_s: mean time to first detection, restricted to the folder's longest attack.
         ttfd_median_s, ttfd_p90_s: Kaplan-Meier over attack intervals; None where fewer than that share are ever detected.
-        p_md: missed share of attack intervals, with Clopper-Pearson interval; ``detected`` of ``events``.
+        p_md: missed share of attack intervals, ``detected`` of ``events``; ``lo`` and ``hi`` by bootstrap over sessions, None below 5.
         far_per_hour: episodes per available clean hour over unattacked tasks pooled by time, with Garwood interval.
         far_floor_per_hour: the lowest rate that so many hours can resolve, 3/T.
         far_epoch, availability: over the same tasks, pooled by epochs.
@@ -76,7 +76,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One detector configuration against one attack; fields as in :class:`Row`."""
+    """One detector configuration against one attack; fields as in :class:`Row`, but P_MD with Clopper-Pearson interval."""
 
     detector: str
     attack: str
@@ -172,7 +172,7 @@ def _row(task: Task, all_scores: Sequence[_Cells], all_events: Sequence[_Cells],
         restricted_mean_ttfd_s=None if curve is None else curve.restricted_mean_s(horizon_s),
         ttfd_median_s=None if curve is None else curve.quantile_s(0.5),
         ttfd_p90_s=None if curve is None else curve.quantile_s(0.9),
-        **_missed(events),
+        **_missed_over_attacks(events),
         far_per_hour=false.per_hour,
         far_per_hour_lo=false.per_hour_lo,
         far_per_hour_hi=false.per_hour_hi,
@@ -233,11 +233,18 @@ def _survival(events: Sequence[_Cells]) -> Survival | None:
 
 
 def _missed(events: Sequence[_Cells]) -> dict[str, Any]:
-    """P_MD over attack intervals with its interval, and what it is made of."""
+    """P_MD over the intervals of one attack with its exact interval, and what it is made of."""
     detected = sum(event["detected"] for event in events)
     p_md = proportion(len(events) - detected, len(events))
     value, lo, hi = (None, None, None) if p_md is None else (p_md.value, p_md.lo, p_md.hi)
     return {"p_md": value, "p_md_lo": lo, "p_md_hi": hi, "detected": detected, "events": len(events)}
+
+
+def _missed_over_attacks(events: Sequence[_Cells]) -> dict[str, Any]:
+    """The same over several attacks, whose windows on one recording are not independent: its interval goes by sessions."""
+    interval = session_interval([float(not event["detected"]) for event in events], [event["session"] for event in events])
+    lo, hi = (None, None) if interval is None else interval
+    return _missed(events) | {"p_md_lo": lo, "p_md_hi": hi}
 
 
 def _counts(scores: Sequence[_Cells]) -> dict[str, int]:
