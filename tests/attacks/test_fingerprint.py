@@ -16,8 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from spoofbench import codec, plugins
-from spoofbench.attacks import rounding
-from spoofbench.attacks.contract import draw_window, falsify, supply_of
+from spoofbench.attacks import draw_window, falsify, rounding, supply_of
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Recording, Table
 from spoofbench.testing import drive

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spoofbench import plugins
-from spoofbench.attacks.contract import Attack, draw_window, falsify, supply_of
+from spoofbench.attacks import Attack, draw_window, falsify, supply_of
 from spoofbench.attacks.generating import DragOff, ZeroAcceleration
 from spoofbench.attacks.laws import differing
 from spoofbench.attacks.predicting import Extrapolate, ExtrapolateSmooth

@@ -7,7 +7,7 @@ import pymap3d
 import pytest
 from numpy.typing import NDArray
 
-from spoofbench.attacks.contract import Attack, falsify
+from spoofbench.attacks import Attack, falsify
 from spoofbench.attacks.generating import DragOff, ZeroAcceleration
 from spoofbench.attacks.motion import epochs_s, metres_per_unit, motion_of
 from spoofbench.attacks.predicting import Extrapolate, ExtrapolateSmooth

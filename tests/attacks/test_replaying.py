@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spoofbench.attacks.contract import falsify, supply_of
+from spoofbench.attacks import falsify, supply_of
 from spoofbench.attacks.predicting import Extrapolate
-from spoofbench.attacks.replaying import Meacon, RepeatBack, Replay, nearest_rows
+from spoofbench.attacks.replaying import Meacon, RepeatBack, Replay
+from spoofbench.attacks.rows import nearest_rows
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Column, Interval, Recording, Table
 from spoofbench.testing import drive

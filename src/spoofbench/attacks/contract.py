@@ -149,7 +149,7 @@ def parameters_of(name: str, attack: Attack) -> str:
         PluginError: the attack does not keep the contract's form; says how.
     """
     if not _is_attack(attack):
-        raise PluginError(f"attack {name!r} is not an instance of a dataclass with all members of spoofbench.attacks.contract.Attack")
+        raise PluginError(f"attack {name!r} is not an instance of a dataclass with all members of spoofbench.attacks.Attack")
     strange = sorted(kind for kind in attack.models if kind not in KINDS or not KINDS[kind].is_gnss_derived)
     if strange:
         raise PluginError(f"attack {name!r} models {strange[0]!r}, which is not a GNSS-derived kind of the schema")

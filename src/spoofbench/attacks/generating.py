@@ -6,8 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from spoofbench.attacks.laws import Rows
 from spoofbench.attacks.motion import Floats, Motion, epochs_s, metres_per_unit, motion_of, with_motion
-from spoofbench.attacks.replaying import PVT, Rows, rows_within
+from spoofbench.attacks.rows import PVT, require_at_least_0, rows_within
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording, Table
 
@@ -124,10 +125,8 @@ class DragOff:
     strength_unit: ClassVar[str] = "m/s"
 
     def __post_init__(self) -> None:
-        for name in ("rate_mps", "ramp_s"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be finite and at least 0, not {value!r}")
+        require_at_least_0("rate_mps", self.rate_mps)
+        require_at_least_0("ramp_s", self.ramp_s)
         if not np.isfinite(self.direction_deg or 0.0):
             raise ValueError(f"direction_deg must be finite, not {self.direction_deg!r}")
         if not abs(self.vertical_share) <= 1:

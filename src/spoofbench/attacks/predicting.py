@@ -8,15 +8,16 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from spoofbench.attacks.laws import Rows
 from spoofbench.attacks.motion import Floats, Motion, epochs_s, interval_s, motion_of, with_motion
-from spoofbench.attacks.replaying import PVT, Rows, delayed_rows, require_delay, rows_within, supply_from, with_rows_of
+from spoofbench.attacks.rows import PVT, Delayed, delayed_rows, require_delay, rows_within, supply_from, with_rows_of
 from spoofbench.recording import Interval, Recording, Table
 
 Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
-class Extrapolate:
+class Extrapolate(Delayed):
     """Linear extrapolation over the delay: ``y(t) = y(t-d) + d (y(t-d) - y(t-d-dt)) / dt``.
 
     The slope is taken over one sample of the delayed series: one 10 Hz sample in Lo et al. (2017; inferred from
@@ -27,18 +28,7 @@ class Extrapolate:
 
     delay_s: float = 2.0
 
-    models: ClassVar[frozenset[str]] = frozenset({PVT})
     attack_class: ClassVar[str] = "extrapolation"
-    level: ClassVar[str] = "pvt"
-    strength_unit: ClassVar[str] = "s"
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.delay_s) and self.delay_s >= 0):
-            raise ValueError(f"delay_s must be finite and at least 0, not {self.delay_s!r}")
-
-    @property
-    def strength(self) -> float:
-        return self.delay_s
 
     def supply(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
         return supply_from(clean, _history_s(clean, self.delay_s))
@@ -58,7 +48,7 @@ class ExtrapolateSmooth(Extrapolate):
     smooth_s: float = 4.0
 
     def __post_init__(self) -> None:
-        Extrapolate.__post_init__(self)
+        Delayed.__post_init__(self)
         if not (np.isfinite(self.smooth_s) and self.smooth_s > 0):
             raise ValueError(f"smooth_s must be finite and above 0, not {self.smooth_s!r}")
 
