@@ -17,6 +17,7 @@ from spoofbench.recording import Table
 Floats = NDArray[np.float64]
 
 _NEAR_REGULAR = 0.25
+_EXCEPTIONS = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +40,7 @@ def motion_of(pvt: Table) -> Motion:
     """Return the motion that PVT rows tell.
 
     Height is the ellipsoid's where the row has it, else that above mean sea level; velocity without
-    components is taken from speed and course.
+    components is taken from speed and course, and from the last known course where a row has none.
     """
     longitude = np.radians(pvt["lon_deg"])
     known = np.isfinite(longitude)
@@ -52,7 +53,8 @@ def motion_of(pvt: Table) -> Motion:
 def with_motion(pvt: Table, moved: Motion) -> Table:
     """Return PVT rows with another motion: position, both heights, velocity, speed and course.
 
-    A field that a row lacks stays absent; where the motion is the row's own, or absent, the row stays as it is.
+    A field that a row lacks stays absent, but the course of a receiver that leaves it out below a speed: there the new
+    speed decides. Where the motion is the row's own, or absent, the row stays as it is.
     """
     was = motion_of(pvt)
     shift = np.nan_to_num(moved.position - was.position)
@@ -61,6 +63,8 @@ def with_motion(pvt: Table, moved: Motion) -> Table:
     north, east, _ = (_velocity(pvt) + gain).T
     turned = (gain[:, 0] != 0) | (gain[:, 1] != 0)
     course = np.where((north != 0) | (east != 0), np.degrees(np.arctan2(east, north)) % 360, pvt["course_deg"])
+    limit = _fastest_without_course_mps(pvt)
+    has_course = pvt.valid("course_deg") if limit is None else np.hypot(north, east) > limit
     longitude = _plus(pvt["lon_deg"], np.degrees(shift[:, 1]))
     columns = {
         "lat_deg": _plus(pvt["lat_deg"], np.degrees(shift[:, 0])),
@@ -71,7 +75,7 @@ def with_motion(pvt: Table, moved: Motion) -> Table:
         "vel_e_mps": _plus(pvt["vel_e_mps"], gain[:, 1]),
         "vel_d_mps": _plus(pvt["vel_d_mps"], gain[:, 2]),
         "speed_mps": np.where(turned & pvt.valid("speed_mps"), np.hypot(north, east), pvt["speed_mps"]),
-        "course_deg": np.where(turned & pvt.valid("course_deg"), course, pvt["course_deg"]),
+        "course_deg": np.where(turned, np.where(has_course, course, np.nan), pvt["course_deg"]),
     }
     return pvt.replace(**{name: values for name, values in columns.items() if name in pvt})
 
@@ -83,12 +87,31 @@ def _plus(values: Floats, change: Floats) -> Floats:
 
 def _velocity(pvt: Table) -> Floats:
     """Velocity NED (m/s), ``(n, 3)``."""
-    # receivers leave the course out when they stand still
-    course = np.radians(np.where(pvt["speed_mps"] == 0, 0.0, pvt["course_deg"]))
+    course = np.radians(np.where(pvt["speed_mps"] == 0, 0.0, _held(pvt["course_deg"])))
     level = pvt.valid("vel_n_mps") & pvt.valid("vel_e_mps")
     north = np.where(level, pvt["vel_n_mps"], pvt["speed_mps"] * np.cos(course))
     east = np.where(level, pvt["vel_e_mps"], pvt["speed_mps"] * np.sin(course))
     return np.column_stack([north, east, pvt["vel_d_mps"]])
+
+
+def _held(values: Floats) -> Floats:
+    """The values, absent ones as the last known one, before the first as that."""
+    known = np.flatnonzero(np.isfinite(values))
+    return values[known[np.maximum(np.searchsorted(known, np.arange(values.size), "right") - 1, 0)]] if known.size else values
+
+
+def _fastest_without_course_mps(pvt: Table) -> float | None:
+    """Level speed up to which the receiver leaves the course out, None where its rows show no such limit."""
+    speed = np.where(pvt.valid("speed_mps"), pvt["speed_mps"], np.hypot(pvt["vel_n_mps"], pvt["vel_e_mps"]))
+    known = np.isfinite(speed)
+    order = np.argsort(speed[known])
+    speed, blank = speed[known][order], ~pvt.valid("course_deg")[known][order]
+    # rows that a limit above the k slowest does not explain: those with a course below it, those without one above it
+    strays = np.append(0, np.cumsum(~blank)) + np.append(np.cumsum(blank[::-1])[::-1], 0)
+    k = int(np.argmin(strays))
+    if not 0 < k < speed.size or strays[k] > _EXCEPTIONS * blank.sum():
+        return None
+    return float(speed[k - 1])
 
 
 def metres_per_unit(position: Floats) -> Floats:

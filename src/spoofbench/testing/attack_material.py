@@ -33,14 +33,16 @@ def _without(recording: Recording, *names: str) -> Recording:
 
 
 def _as_nmea(recording: Recording) -> Recording:
-    """Speed in knots and course instead of velocity, and both heights, with the decimals of NMEA sentences."""
+    """Speed in knots and, above one, course instead of velocity, and both heights, with the decimals of NMEA sentences."""
 
     def change(table: Table) -> Table:
         north, east = table["vel_n_mps"], table["vel_e_mps"]
         height = np.round(table["height_m"], 1)
+        knots = np.round(np.hypot(north, east) * 3600 / 1852, 2)
+        course = np.round(np.degrees(np.arctan2(east, north)) % 360, 2) % 360
         return table.replace(
-            speed_mps=np.round(np.hypot(north, east) * 3600 / 1852, 2) * (1852 / 3600),
-            course_deg=np.round(np.degrees(np.arctan2(east, north)) % 360, 2) % 360,
+            speed_mps=knots * (1852 / 3600),
+            course_deg=np.where(knots > 1, course, np.nan),
             lat_deg=np.round(table["lat_deg"] * 60, 5) / 60,
             lon_deg=np.round(table["lon_deg"] * 60, 5) / 60,
             height_m=height,
