@@ -40,7 +40,8 @@ OUTERS = st.builds(
 
 
 def decode(messages: list[bytes], name: str = "test/msg/Outer") -> tuple[list[dict[str, Any] | None], list[tuple[int, str]]]:
-    groups, failures = cdr.Decoder(name, TYPES).decode(b"".join(messages), np.array([len(message) for message in messages]))
+    lengths = np.array([len(message) for message in messages])
+    groups, failures = cdr.Decoder(name, TYPES).decode(np.frombuffer(b"".join(messages), np.uint8), np.cumsum(lengths) - lengths, lengths)
     rows: list[dict[str, Any] | None] = [None] * len(messages)
     for group in groups:
         for place, row in zip(group.index.tolist(), group.rows, strict=True):

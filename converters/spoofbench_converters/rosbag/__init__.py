@@ -105,7 +105,7 @@ class _Conversion:
 
     def _messages(self, topic: Topic, payloads: Payloads) -> Iterator[Item]:
         """Decode one topic's messages and hand them over in bag order."""
-        groups, failures = self._decoders[topic.number].decode(payloads.joined, payloads.lengths)
+        groups, failures = self._decoders[topic.number].decode(payloads.octets, payloads.starts, payloads.lengths)
         for place, reason in failures:
             yield Reject(int(payloads.records[place]), 1, f"{topic.name}: {reason}")
         session, pieces = self._sessions[topic.number], []

@@ -104,31 +104,29 @@ class Decoder:
         self._types = types
         self._known: dict[int, _Layout] = {}
 
-    def decode(self, joined: bytes | bytearray, lengths: NDArray[np.int64]) -> tuple[list[Group], list[Failure]]:
+    def decode(self, octets: NDArray[np.uint8], starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> tuple[list[Group], list[Failure]]:
         """Return all messages by layout, and each that cannot be decoded.
 
         Args:
-            joined: the messages, one after the other.
+            octets: bytes among which the messages lie.
+            starts: where each starts, ``(n,)``.
             lengths: bytes of each, ``(n,)``.
         """
         groups: list[Group] = []
         failures: list[Failure] = []
-        octets = np.frombuffer(joined, np.uint8)
-        starts = np.cumsum(lengths) - lengths
         for length in np.unique(lengths).tolist():
             index, passes = np.flatnonzero(lengths == length), 0
             while index.size:
                 first = int(starts[index[0]])
                 try:
-                    layout = self._layout(bytes(joined[first : first + length]))
+                    layout = self._layout(octets[first : first + length].tobytes())
                 except CdrError as error:
                     failures.append((int(index[0]), str(error)))
                     index = index[1:]
                     continue
                 passes += 1
                 tried = index if passes <= MAX_LAYOUTS else index[:1]
-                whole = octets if tried.size == lengths.size else octets[starts[tried, None] + np.arange(length)].reshape(-1)
-                rows = whole.view(layout.dtype)
+                rows = windows(octets, length)[starts[tried]].view(layout.dtype)
                 same = layout.fits(rows)
                 groups.append(Group(tried, rows) if same.all() else Group(tried[same], rows[same]))
                 index = np.concatenate([tried[~same], index[tried.size :]])
@@ -139,6 +137,11 @@ class Decoder:
         if known is None or not known.fits(np.frombuffer(message, known.dtype))[0]:
             known = self._known[len(message)] = _walk(message, self._name, self._types)
         return known
+
+
+def windows(octets: NDArray[np.uint8], length: int) -> NDArray[np.void]:
+    """Return a view of the so many bytes from each place on, ``(n - length + 1,)``; what is taken from it is copied as a whole."""
+    return np.ndarray((octets.size - length + 1,), f"V{length}", octets, strides=(1,))
 
 
 @dataclass(slots=True)

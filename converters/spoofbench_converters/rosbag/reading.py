@@ -1,7 +1,7 @@
 """Messages of a bag in bag order, by topic, read around damage.
 
-Reading is most of the time that a conversion takes, so rows are fetched some hundreds at a time, their
-payloads joined by topic while they are still in the processor's cache, and no Python object outlives that.
+The pages of a sound bag are read as arrays (see :mod:`spoofbench_converters.rosbag.pages`). What follows the first page
+that is unusual or damaged is read by queries: rows are fetched some hundreds at a time and their payloads joined by topic.
 """
 
 from collections.abc import Iterator
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from spoofbench.converting import Reject
 from spoofbench.errors import ConversionError
 from spoofbench_converters.rosbag.bag import MAX_MESSAGE_BYTES, connect, tables
+from spoofbench_converters.rosbag.pages import FIRST_KEY, LAST_KEY, Cells, Pages, Unusual
 
 SLAB_MESSAGES = 16_384
 FETCHED_MESSAGES = 512
@@ -39,13 +40,15 @@ class Payloads:
     """Successive messages of one topic.
 
     Attributes:
-        joined: their bytes, one after the other.
+        octets: bytes among which theirs lie.
+        starts: where each starts, ``(n,)``.
         lengths: bytes of each, ``(n,)``.
         records: ordinal of each in the bag, ``(n,)``.
         stamps_ns: when the recorder got each, ``(n,)``.
     """
 
-    joined: bytes | bytearray
+    octets: NDArray[np.uint8]
+    starts: NDArray[np.int64]
     lengths: NDArray[np.int64]
     records: NDArray[np.int64]
     stamps_ns: NDArray[np.int64]
@@ -53,7 +56,7 @@ class Payloads:
 
 @dataclass(slots=True)
 class Slab:
-    """Successive messages of a bag, at most a set number.
+    """Successive messages of a bag.
 
     Attributes:
         wanted: messages by number of the wanted topics.
@@ -84,6 +87,7 @@ class Bag:
         self._name = path.name
         try:
             self._database = connect(path)
+            self._database.execute("BEGIN")  # one state of the bag is read, whoever writes to it
             if not tables(self._database) >= {"topics", "messages"}:
                 raise ConversionError(f"{path.name!r} is an SQLite database, but no ROS 2 bag: it lacks the tables 'topics' and 'messages'")
             rows: list[Any] = self._database.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id").fetchall()
@@ -105,11 +109,22 @@ class Bag:
 
     def slabs(self, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
         """Yield all messages in bag order; of the topics that are not wanted, only how many there are."""
-        payload = "data"
-        if wanted < {topic.number for topic in self.topics}:
-            payload = f"CASE WHEN topic_id IN ({', '.join(map(str, sorted(wanted))) or 'NULL'}) THEN data END"
+        last = FIRST_KEY
+        try:
+            for cells in Pages(self._database).cells(wanted):
+                yield _slab(cells, self.records, wanted)
+                self.records += cells.keys.size
+                last = int(cells.keys[-1])
+        except (Unusual, apsw.Error):
+            pass
+        else:
+            return
+        yield from self._by_queries(wanted, last)
+
+    def _by_queries(self, wanted: frozenset[int], last: int | None) -> Iterator[Slab | Reject]:
+        """Yield the messages after a key."""
+        payload = f"CASE WHEN topic_id IN ({', '.join(map(str, sorted(wanted))) or 'NULL'}) THEN data END"
         query = f"SELECT topic_id, timestamp, {payload} FROM messages WHERE id > ? ORDER BY id"  # noqa: S608 - numbers of our own
-        last: int | None = -(2**63)
         while last is not None:
             rows = _Rows(self._database, query, last)
             filling = _Filling(wanted)
@@ -152,11 +167,14 @@ class Bag:
 
     def _next_readable(self, query: str, bad: int, highest: int) -> int | None:
         """Return the first key after a bad one from which a message can be read."""
-        step = 1
-        while (good := self._first_from(query, bad + step)) is None:
-            if bad + step > max(highest, 1 << 40):
+        furthest = min(max(highest, 1 << 40), LAST_KEY)
+        step, good = 1, None
+        while good is None:
+            if bad + step > furthest:
                 return None
-            bad, step = bad + step, step * 2
+            good = self._first_from(query, bad + step)
+            if good is None:
+                bad, step = bad + step, step * 2
         while bad + 1 < good:
             middle = (bad + good) // 2
             found = self._first_from(query, middle)
@@ -235,7 +253,7 @@ class _Filling:
         topics, stamps_ns = np.array(numbers), np.array(stamps)
         if topics.dtype != np.int64 or stamps_ns.dtype != np.int64:
             raise TypeError
-        parts = {}
+        parts, others = {}, {}
         for number in set(numbers):
             mine = topics == number
             if number in self._joined:
@@ -243,7 +261,8 @@ class _Filling:
                 parts[number] = (b"".join(chosen), np.fromiter(map(len, chosen), np.int64, len(chosen)), records[mine], stamps_ns[mine])
             else:
                 count, start = self._others.get(number, (0, int(records[mine][0])))
-                self._others[number] = (count + int(mine.sum()), start)
+                others[number] = (count + int(mine.sum()), start)
+        self._others |= others
         for number, (joined, *arrays) in parts.items():
             self._joined[number] += joined
             self._parts[number].append(tuple(arrays))
@@ -254,8 +273,25 @@ class _Filling:
     def slab(self) -> Slab:
         """Return what was taken."""
         wanted = {
-            number: Payloads(self._joined[number], *(np.concatenate(column) for column in zip(*parts, strict=True)))
+            number: _payloads(self._joined[number], *(np.concatenate(column) for column in zip(*parts, strict=True)))
             for number, parts in self._parts.items()
             if parts
         }
         return Slab(wanted, self._others, self._rejects)
+
+
+def _payloads(joined: bytearray, lengths: NDArray[np.int64], *about: NDArray[np.int64]) -> Payloads:
+    return Payloads(np.frombuffer(joined, np.uint8), np.cumsum(lengths) - lengths, lengths, *about)
+
+
+def _slab(cells: Cells, first: int, wanted: frozenset[int]) -> Slab:
+    """Return messages by topic, the first of which has this ordinal in the bag."""
+    slab = Slab()
+    order = np.argsort(cells.topics, kind="stable")
+    for mine in np.split(order, np.flatnonzero(np.diff(cells.topics[order])) + 1):
+        number, records = int(cells.topics[mine[0]]), first + mine
+        if number in wanted:
+            slab.wanted[number] = Payloads(cells.octets, cells.starts[mine], cells.lengths[mine], records, cells.stamps_ns[mine])
+        else:
+            slab.others[number] = (mine.size, int(records[0]))
+    return slab

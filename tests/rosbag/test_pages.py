@@ -1,0 +1,201 @@
+"""What is read from a database's pages is what queries give, message by message, also where the database is odd or damaged."""
+
+import random
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spoofbench_converters.rosbag import pages, reading
+from spoofbench_converters.rosbag.pages import Pages, Unusual
+
+from spoofbench.converting import Reject
+from spoofbench.errors import ConversionError
+
+MESSAGES = "CREATE TABLE messages(id INTEGER PRIMARY KEY,topic_id INTEGER NOT NULL,timestamp INTEGER NOT NULL, data BLOB NOT NULL)"
+TOPICS = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
+WANTED = frozenset({0, 1, 2, 300})
+DECLARED = WANTED | {3, 1000}
+STAMPS = (0, 1, -1, 127, -128, 40_000, -9_000_000, 2**31, -(2**40), 2**47, 2**62, -(2**63), 1_700_000_000_000_000_000)
+SIZES = (0, 1, 57, 58, 100, 164, 796)
+
+Row = tuple[Any, Any, Any, Any]
+
+
+class Blob(NamedTuple):
+    """So many bytes."""
+
+    size: int
+
+
+@dataclass(frozen=True)
+class Shape:
+    """How a bag's database is made."""
+
+    page_bytes: int
+    auto_vacuum: int = 0
+    indexed: bool = True
+    count: int = 400
+    shuffled: bool = False
+    deleted: float = 0.0
+    odd: tuple[Row, ...] = ()
+    seed: int = 0
+
+
+def make(path: Path, shape: Shape) -> None:
+    """Write a bag; rows that the table's constraints forbid are written before it says them."""
+    chance = random.Random(shape.seed)
+    keys = list(range(1, shape.count + 1))
+    rows: list[Row] = [
+        (key, chance.choice((*sorted(DECLARED), 99)), chance.choice(STAMPS), chance.randbytes(chance.choice(SIZES))) for key in keys
+    ]
+    if shape.shuffled:
+        chance.shuffle(rows)
+    with closing(sqlite3.connect(path)) as database:
+        database.execute(f"PRAGMA page_size={shape.page_bytes}")
+        database.execute(f"PRAGMA auto_vacuum={shape.auto_vacuum}")
+        database.execute(TOPICS)
+        database.execute(MESSAGES.replace(" NOT NULL", ""))
+        if shape.indexed:
+            database.execute("CREATE INDEX timestamp_idx ON messages (timestamp ASC)")
+        database.executemany("INSERT INTO topics VALUES (?, '/a', 'b/msg/C', 'cdr')", [(number,) for number in sorted(DECLARED)])
+        database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", rows)
+        gone = [row for row in rows if chance.random() < shape.deleted]
+        database.executemany("DELETE FROM messages WHERE id = ?", [row[:1] for row in gone])
+        database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", gone[::2])
+        database.executemany(
+            "INSERT OR REPLACE INTO messages VALUES (?, ?, ?, ?)",
+            [(*row, bytes(data.size) if isinstance(data, Blob) else data) for *row, data in shape.odd],
+        )
+        database.execute("PRAGMA writable_schema=ON")
+        database.execute("UPDATE sqlite_master SET sql = ? WHERE name = 'messages'", (MESSAGES,))
+        database.commit()
+
+
+@dataclass
+class Content:
+    """What reading gave: messages and rejects by ordinal, other topics, how many records; or a refusal."""
+
+    messages: dict[int, tuple[int, int, bytes]] = field(default_factory=dict)
+    others: dict[int, tuple[int, int]] = field(default_factory=dict)
+    rejects: list[Reject] = field(default_factory=list)
+    records: int = 0
+    refusal: str = ""
+
+
+def content(path: Path) -> Content:
+    result = Content()
+    try:
+        log = reading.Bag(path)
+        with closing(log):
+            for slab in log.slabs(WANTED):
+                _add(result, slab)
+            result.records = log.records
+    except ConversionError as error:
+        result.refusal = str(error)
+    return result
+
+
+def _add(result: Content, slab: reading.Slab | Reject) -> None:
+    if isinstance(slab, Reject):
+        result.rejects.append(slab)
+        return
+    result.rejects += slab.rejects
+    for number, (count, first) in slab.others.items():
+        before, first = result.others.get(number, (0, first))
+        result.others[number] = (before + count, first)
+    for number, mine in slab.wanted.items():
+        for record, stamp, start, length in zip(*map(list, (mine.records, mine.stamps_ns, mine.starts, mine.lengths)), strict=True):
+            assert record not in result.messages
+            result.messages[int(record)] = (number, int(stamp), mine.octets[start : start + length].tobytes())
+
+
+def by_queries(path: Path) -> Content:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Pages, "cells", _unusual)
+        return content(path)
+
+
+def _unusual(*_: Any) -> Iterator[Any]:
+    raise Unusual
+
+
+def by_pages_alone(path: Path) -> Content:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reading.Bag, "_by_queries", _refuse)
+        return content(path)
+
+
+def _refuse(*_: Any) -> Iterator[Any]:
+    raise AssertionError("pages of a sound bag must be understood")
+
+
+shapes = st.builds(
+    Shape,
+    page_bytes=st.sampled_from([2**power for power in range(9, 17)]),
+    auto_vacuum=st.integers(0, 2),
+    indexed=st.booleans(),
+    count=st.integers(0, 400),
+    shuffled=st.booleans(),
+    deleted=st.sampled_from([0.0, 0.1, 0.9]),
+    seed=st.integers(0, 2**32),
+)
+odd_rows = st.lists(
+    st.tuples(
+        st.integers(-5, 450) | st.sampled_from([2**20, 2**40, 2**56 - 1, 2**56, 2**63 - 1, -(2**63)]),
+        st.sampled_from([*DECLARED, 99, -5, 2**40]) | st.sampled_from([None, "text", 1.5, b"blob"]),
+        st.sampled_from(STAMPS) | st.sampled_from([None, "noon", 0.25, b""]),
+        st.sampled_from([None, "text", 7, 0.5]) | st.sampled_from([0, 400, 4057, 4058, 16_383, 16_384, 16_385, 70_000, 200_000]).map(Blob),
+    ),
+    max_size=8,
+).map(tuple)
+
+
+@given(shape=shapes, slab_bytes=st.sampled_from([1, 20_000, 4_000_000]))
+@settings(max_examples=60, deadline=None)
+def test_sound_bags_are_read_from_their_pages_alone(shape: Shape, slab_bytes: int) -> None:
+    shape = Shape(**{**shape.__dict__, "page_bytes": max(shape.page_bytes, 1024)})  # so that no message overflows its page
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pages, "SLAB_BYTES", slab_bytes)
+        path = Path(folder) / "bag.db3"
+        make(path, shape)
+        queried = by_queries(path)
+        assert not queried.rejects
+        assert not queried.refusal
+        assert queried.records or not shape.count
+        same = (by_pages_alone(path) if queried.records else content(path)) == queried
+        assert same
+
+
+@given(shape=shapes, odd=odd_rows, slab_bytes=st.sampled_from([1, 20_000, 4_000_000]))
+@settings(max_examples=150, deadline=None)
+def test_odd_rows_are_read_as_queries_read_them(shape: Shape, odd: tuple[Row, ...], slab_bytes: int) -> None:
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pages, "SLAB_BYTES", slab_bytes)
+        path = Path(folder) / "bag.db3"
+        make(path, Shape(**{**shape.__dict__, "odd": odd}))
+        same = content(path) == by_queries(path)
+        assert same
+
+
+@given(shape=shapes, odd=odd_rows, data=st.data())
+@settings(max_examples=300, deadline=None)
+def test_damaged_bags_are_read_as_queries_read_them(shape: Shape, odd: tuple[Row, ...], data: st.DataObject) -> None:
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pages, "SLAB_BYTES", data.draw(st.sampled_from([1, 20_000, 4_000_000])))
+        path = Path(folder) / "bag.db3"
+        make(path, Shape(**{**shape.__dict__, "odd": odd, "page_bytes": min(shape.page_bytes, 4096)}))
+        octets = bytearray(path.read_bytes())
+        starts = st.integers(0, len(octets) // shape.page_bytes).map(lambda page: page * shape.page_bytes)
+        places = st.tuples(starts, st.integers(0, 40)).map(sum) | st.integers(0, len(octets) - 1)  # heads of pages hold their structure
+        for place, value in data.draw(st.lists(st.tuples(places, st.integers(0, 255)), min_size=1, max_size=6)):
+            octets[min(place, len(octets) - 1)] = value
+        path.write_bytes(octets[: data.draw(st.just(len(octets)) | st.integers(100, len(octets)))])
+        same = content(path) == by_queries(path)
+        assert same
