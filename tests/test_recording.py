@@ -103,7 +103,7 @@ def test_blind_is_an_allow_list() -> None:
     everything["/reference/pva"] = Table("reference/pva", np.zeros(0, np.int64), {})
     everything["/truth/attack"] = Table("truth/attack", np.zeros(0, np.int64), {})
     metadata = {
-        "recording": {"clock": "host", "session_id": "secret"},
+        "recording": {"clock": "recorder", "session_id": "secret"},
         "primary": {"imu": "s"},
         "source/s": {"axes": "frd", "device": "secret"},
         "origin": {"file": "secret"},
@@ -112,7 +112,7 @@ def test_blind_is_an_allow_list() -> None:
     blind = Recording(everything, metadata).blind()
     assert blind.kinds == SENSOR_KINDS
     assert {name: dict(record) for name, record in blind.metadata.items()} == {
-        "recording": {"clock": "host"},
+        "recording": {"clock": "recorder"},
         "primary": {"imu": "s"},
         "source/s": {"axes": "frd"},
     }

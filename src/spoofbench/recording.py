@@ -18,7 +18,21 @@ from spoofbench.errors import RecordingError
 from spoofbench.schema import KINDS, SCHEMA_VERSION, SENSOR_KINDS, Field, Kind, split_topic
 
 Metadata = Mapping[str, Mapping[str, str]]
-"""Records of text by name, as in MCAP: ``recording``, ``primary``, ``source/<name>``, ``origin``, ``ledger``."""
+"""Records of text by name, as in MCAP. A key whose value is unknown is left out; others than these may stand beside them.
+
+recording       ``schema_version``; ``session_id``: recordings of one session share it; ``clock``: what ``time_ns`` is told by:
+                ``sensor`` (the devices, when they measured), ``recorder`` (the host, when it received) or ``gnss`` (there was no
+                clock: the first valid claimed time and nominal intervals)
+primary         by kind, the source that a detector gets when it asks for that kind
+source/<name>   ``topic``: where the log had it; ``device``; ``axes``: where x, y and z of a sensor point, such as ``frd``;
+                ``interval_s`` of an IMU's averages; ``antenna_position_m``; ``solution``: ``gnss``, or ``fused`` with inertial
+                sensors; ``<key>_basis``: how the converter knows. That of the reference is ``source/reference``
+origin          ``file``, ``size``, ``sha256`` of the log; ``converter``, its ``converter_version`` and ``converter_distribution``,
+                ``options`` as JSON
+ledger          :meth:`spoofbench.converting.Ledger.as_metadata`
+unread          by topic, what a file's messages are that are no rows of ours; reading gives it
+damage          ``truncated`` and ``lost_bytes`` of a file that was cut off; reading gives it
+"""
 
 Rows = slice | NDArray[np.bool_] | NDArray[np.intp]
 

@@ -113,7 +113,7 @@ def drive() -> Callable[[int], Any]:
             np.repeat(time[::100], 4),
             {"signal": names * seconds, "cn0_dbhz": rng.normal(size=4 * seconds), "used": rng.random(4 * seconds) < 0.5},
         )
-        metadata = {"recording": {"clock": "host"}, "primary": {"imu": "imu0"}, "source/imu0": {"axes": "fr\u00e9\u00e9"}}
+        metadata = {"recording": {"clock": "recorder"}, "primary": {"imu": "imu0"}, "source/imu0": {"axes": "fr\u00e9\u00e9"}}
         return Recording({"/imu0/imu": imu, "/gnss0/gnss/pvt": pvt, "/gnss0/gnss/signal": signal}, metadata)
 
     return make

@@ -297,7 +297,7 @@ def test_validation_finds_what_reading_may_overlook(small: tuple[Path, Recording
         (tmp_path / "a.mcap").write_bytes(content.replace(old, new, 1))
         return tmp_path / "a.mcap"
 
-    metadata = encoded(Metadata("recording", {"clock": "host"}))
+    metadata = encoded(Metadata("recording", {"clock": "recorder"}))
     with pytest.raises(FormatError, match="at byte"):
         validate(changed(metadata, b"\x0e" + metadata[1:]))
     with pytest.raises(FormatError, match="does not say where it is"):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.recording import Recording, Table
+from spoofbench.schema import SCHEMA_VERSION
 from spoofbench.testing.motion import Floats, Motion, make_motion
 
 START_NS = 1_700_000_000_000_000_000
@@ -43,8 +44,8 @@ def drive(seed: int = 0, duration_s: float = 240.0, gnss_hz: float = 1.0, *, fla
         sources |= {"source/imu1": {"axes": "frd"}, "source/gnss1": {"solution": "gnss"}}
     primary = {topic.split("/", 2)[2]: topic.split("/")[1] for topic in tables if topic.split("/")[1] in ("imu0", "gnss0", "car0")}
     tables["/reference/pva"] = _pva("reference/pva", motion, np.arange(0, motion.time_s.size, 10))
-    origin = {"file": f"drive-{seed}.log", "session": f"drive-{seed}"}
-    metadata = {"recording": {"schema_version": "1", "clock": "host"}, "primary": primary, "origin": origin, **sources}
+    about = {"schema_version": SCHEMA_VERSION, "clock": "sensor", "session_id": f"drive-{seed}"}
+    metadata = {"recording": about, "primary": primary, "origin": {"file": f"drive-{seed}.log"}, **sources}
     return Recording(tables, metadata)
 
 
