@@ -65,7 +65,7 @@ def is_bag(path: Path) -> bool:
     try:
         with closing(connect(path)) as database:
             return tables(database) >= {"topics", "messages"}
-    except apsw.Error:
+    except (apsw.Error, UnicodeDecodeError):
         return False
 
 

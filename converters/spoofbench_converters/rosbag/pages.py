@@ -21,7 +21,7 @@ from spoofbench_converters.rosbag.cdr import windows
 SLAB_BYTES = 4_194_304
 FIRST_KEY, LAST_KEY = -(2**63), 2**63 - 1
 
-_TABLE = "CREATE TABLE messages ( id INTEGER PRIMARY KEY , topic_id INTEGER NOT NULL , timestamp INTEGER NOT NULL , data BLOB NOT NULL )"
+_TABLE = b"CREATE TABLE messages ( id INTEGER PRIMARY KEY , topic_id INTEGER NOT NULL , timestamp INTEGER NOT NULL , data BLOB NOT NULL )"
 _INTERIOR, _LEAF = 5, 13  # types of a table's pages
 _MAX_DEPTH = 20  # as in SQLite
 _LOCK_BYTE = 2**30  # its page holds no data
@@ -86,11 +86,11 @@ class Pages:
         """
         self._database = database
         definitions: list[Any] = database.execute(
-            "SELECT rootpage, sql FROM sqlite_master WHERE sql LIKE '%messages%' AND sql NOT LIKE 'CREATE INDEX %'"
+            "SELECT rootpage, CAST(sql AS BLOB) FROM sqlite_master WHERE sql LIKE '%messages%' AND sql NOT LIKE 'CREATE INDEX %'"
         ).fetchall()
-        if len(definitions) != 1 or _words(definitions[0][1]) != _words(_TABLE):
+        if len(definitions) != 1 or _words(definitions[0][1]) != _words(_TABLE) or not isinstance(definitions[0][0], int):
             raise Unusual
-        self._root = int(definitions[0][0])
+        self._root = definitions[0][0]
         _, header = database.read("main", 0, 0, _HEADER_BYTES)
         size = int.from_bytes(header[16:18], "big")
         self._page_bytes = 65_536 if size == 1 else size
@@ -208,8 +208,8 @@ class Pages:
         return np.where(payloads <= most, payloads, np.where(rest <= most, rest, least))
 
 
-def _words(sql: str) -> list[str]:
-    return re.findall(r"\w+|[^\s\w]", sql.upper())
+def _words(sql: bytes) -> list[bytes]:
+    return re.findall(rb"\w+|[^\s\w]", sql.upper())
 
 
 def _varints(octets: NDArray[np.uint8], starts: _Integers) -> tuple[_Integers, _Integers]:

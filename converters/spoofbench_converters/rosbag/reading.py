@@ -22,6 +22,11 @@ from spoofbench_converters.rosbag.pages import FIRST_KEY, LAST_KEY, Cells, Pages
 SLAB_MESSAGES = 16_384
 FETCHED_MESSAGES = 512
 
+# What is of another type than a bag's is not even read: text need not be text.
+_TOPICS = "SELECT id, name, type, serialization_format FROM topics WHERE typeof(id) = 'integer' ORDER BY id"
+_MESSAGES = """SELECT CASE typeof(topic_id) WHEN 'integer' THEN topic_id END, CASE typeof(timestamp) WHEN 'integer' THEN timestamp END,
+    CASE WHEN topic_id IN ({wanted}) AND typeof(data) = 'blob' THEN data END FROM messages WHERE id > ? ORDER BY id"""
+
 _Row = tuple[Any, ...]
 
 
@@ -90,8 +95,8 @@ class Bag:
             self._database.execute("BEGIN")  # one state of the bag is read, whoever writes to it
             if not tables(self._database) >= {"topics", "messages"}:
                 raise ConversionError(f"{path.name!r} is an SQLite database, but no ROS 2 bag: it lacks the tables 'topics' and 'messages'")
-            rows: list[Any] = self._database.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id").fetchall()
-        except apsw.Error as error:
+            rows: list[Any] = self._database.execute(_TOPICS).fetchall()
+        except (apsw.Error, UnicodeDecodeError) as error:
             raise ConversionError(f"the bag {path.name!r} cannot be read: {error}") from error
         self.topics = tuple(Topic(int(row[0]), *map(str, row[1:])) for row in rows)
 
@@ -123,8 +128,7 @@ class Bag:
 
     def _by_queries(self, wanted: frozenset[int], last: int | None) -> Iterator[Slab | Reject]:
         """Yield the messages after a key."""
-        payload = f"CASE WHEN topic_id IN ({', '.join(map(str, sorted(wanted))) or 'NULL'}) THEN data END"
-        query = f"SELECT topic_id, timestamp, {payload} FROM messages WHERE id > ? ORDER BY id"  # noqa: S608 - numbers of our own
+        query = _MESSAGES.format(wanted=", ".join(map(str, sorted(wanted))) or "NULL")
         while last is not None:
             rows = _Rows(self._database, query, last)
             filling = _Filling(wanted)
