@@ -15,7 +15,7 @@ Values = tuple[NDArray[Any], NDArray[np.bool_] | None]
 """Values of a field ``(n,)``, and which rows have it, None where all do."""
 
 
-class Columns:
+class Gathering:
     """Gathers a topic's rows in file order and makes the table of them.
 
     A column grows in a ``BytesIO``, whose value is taken as immutable bytes without another copy.

@@ -23,10 +23,20 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from spoofbench.codec.packing import INDEX_ENTRY, MESSAGE
 from spoofbench.errors import FormatError, LimitError
 
 RECORD = struct.Struct("<BQ")
+MESSAGE = np.dtype(
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")]
+)
+"""What precedes the data of a message record, its opcode and length included."""
+
+LOG_TIME = 15
+"""Where the log time of a message record is; the publish time follows."""
+
+INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
+"""An entry of a message index: log time, and where the record starts in the unpacked chunk."""
+
 _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8")])
 _CHUNK = struct.Struct("<QQQII")
 _REPEATS = 8

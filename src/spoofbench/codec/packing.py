@@ -13,21 +13,11 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from spoofbench.codec.container import LOG_TIME, MESSAGE
 from spoofbench.codec.protobuf import DELIMITED, FIXED32, FIXED64, VARINT
 from spoofbench.errors import RecordingError
 from spoofbench.recording import Table
 from spoofbench.schema import Field
-
-MESSAGE = np.dtype(
-    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")]
-)
-"""What precedes the data of a message record, its opcode and length included."""
-
-LOG_TIME = 15
-"""Where the log time of a message record is; the publish time follows."""
-
-INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
-"""An entry of a message index: log time, and where the record starts in the unpacked chunk."""
 
 _ABSENT = -1
 _WIRE_TYPES = {"<f8": FIXED64, "<i8": FIXED64, "<u8": FIXED64, "<f4": FIXED32, "<i4": FIXED32, "<u4": FIXED32}

@@ -10,9 +10,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.codec.columns import Columns
-from spoofbench.codec.container import Limits, Messages, gather, groups
-from spoofbench.codec.packing import LOG_TIME
+from spoofbench.codec.columns import Gathering
+from spoofbench.codec.container import LOG_TIME, Limits, Messages, gather, groups
 from spoofbench.codec.protobuf import Reading, is_derived, reading_of
 from spoofbench.codec.survey import Survey, survey
 from spoofbench.codec.unpacking import Decoder
@@ -96,8 +95,8 @@ def load(found: Survey, readings: Mapping[int, Reading], limits: Limits) -> Tabl
         LimitError: it holds more than the limits allow.
     """
     kind = next(iter(readings.values())).kind
-    columns = Columns(kind)
-    decoders = {channel: Decoder(reading, columns.words) for channel, reading in readings.items()}
+    gathered = Gathering(kind)
+    decoders = {channel: Decoder(reading, gathered.words) for channel, reading in readings.items()}
     sections = [section for section in found.sections if not section.channels.isdisjoint(readings)]
     counts: Counter[int] = Counter()
     place = 0
@@ -108,14 +107,14 @@ def load(found: Survey, readings: Mapping[int, Reading], limits: Limits) -> Tabl
             counts[channel] += part.starts.size
             check_count(found, counts.total(), limits)
             values = decoders[channel].decode(part, repr(str(found.path)))
-            columns.add(times_of(found, part), values, part.starts + place if len(readings) > 1 else None)
+            gathered.add(times_of(found, part), values, part.starts + place if len(readings) > 1 else None)
         place += messages.buffer.size
     if found.statistics is not None and not found.damage:
         for channel in readings:
             declared = found.statistics.channel_message_counts.get(channel, 0)
             if declared != counts[channel]:
                 raise FormatError(f"{str(found.path)!r} declares {declared!r} messages of channel {channel!r} and holds {counts[channel]}")
-    return columns.table()
+    return gathered.table()
 
 
 def check_count(found: Survey, messages: int, limits: Limits) -> None:

@@ -13,6 +13,7 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from spoofbench.codec.container import (
+    INDEX_ENTRY,
     RECORD,
     Chunk,
     Contents,
@@ -25,7 +26,6 @@ from spoofbench.codec.container import (
     parse_chunk,
     record_starts,
 )
-from spoofbench.codec.packing import INDEX_ENTRY
 from spoofbench.errors import FormatError, LimitError
 
 _INDEX = struct.Struct("<HI")

@@ -14,8 +14,7 @@ from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from spoofbench.codec.columns import Values
-from spoofbench.codec.container import Messages, gather, groups
-from spoofbench.codec.packing import MESSAGE
+from spoofbench.codec.container import MESSAGE, Messages, gather, groups
 from spoofbench.codec.protobuf import DELIMITED, FIXED32, FIXED64, VARINT, Reading, Wire
 from spoofbench.errors import FormatError
 from spoofbench.schema import Field
@@ -215,18 +214,18 @@ def _block(buffer: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> N
     return gather(buffer, f"V{size}", starts).view(np.uint8).reshape(-1, size)
 
 
-def _integers(number: NDArray[np.uint64], wire_type: int) -> NDArray[Any]:
+def _integers(number: NDArray[np.uint64], declared: int) -> NDArray[Any]:
     """Read 64 bits of a varint as its declared type does."""
-    if wire_type == FieldDescriptor.TYPE_BOOL:
+    if declared == FieldDescriptor.TYPE_BOOL:
         return np.asarray(number != 0)
-    if wire_type in (FieldDescriptor.TYPE_SINT32, FieldDescriptor.TYPE_SINT64):
-        if wire_type == FieldDescriptor.TYPE_SINT32:
+    if declared in (FieldDescriptor.TYPE_SINT32, FieldDescriptor.TYPE_SINT64):
+        if declared == FieldDescriptor.TYPE_SINT32:
             number = number & np.uint64(0xFFFFFFFF)
         return np.asarray((number >> np.uint64(1)).view(np.int64) ^ -(number & np.uint64(1)).view(np.int64))
-    if wire_type in _SIGNED:
+    if declared in _SIGNED:
         return number.view(np.int64)
-    if wire_type in _NARROW:
-        return number.astype(np.uint32).view(_NARROW[wire_type])
+    if declared in _NARROW:
+        return number.astype(np.uint32).view(_NARROW[declared])
     return number
 
 

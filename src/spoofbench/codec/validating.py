@@ -11,8 +11,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex, ChunkIndex, Footer, Header, Metadata, MetadataIndex, SummaryOffset
 
 from spoofbench.codec.columns import decoded
-from spoofbench.codec.container import RECORD, Contents, Limits, Messages, parse
-from spoofbench.codec.packing import INDEX_ENTRY
+from spoofbench.codec.container import INDEX_ENTRY, RECORD, Contents, Limits, Messages, parse
 from spoofbench.codec.reading import ahead, by_channel, check_count, readings_of, times_of
 from spoofbench.codec.survey import ChunkSection, LooseSection, Section, Survey, check_data_section, learn_definitions, survey
 from spoofbench.codec.unpacking import Decoder

@@ -22,9 +22,10 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from spoofbench import __version__
+from spoofbench.codec.container import INDEX_ENTRY
 from spoofbench.codec.ending import encoded, ending
 from spoofbench.codec.location import location_fixes
-from spoofbench.codec.packing import INDEX_ENTRY, BlobRows, Rows, TableRows
+from spoofbench.codec.packing import BlobRows, Rows, TableRows
 from spoofbench.codec.protobuf import ENCODING, LOCATION_SUFFIX, descriptor_set
 from spoofbench.errors import RecordingError
 from spoofbench.recording import Metadata, Recording, Table
