@@ -4,9 +4,10 @@ A file has one channel per topic, encoded as protobuf with the full FileDescript
 ``log_time`` and ``publish_time`` are the row's ``time_ns``. An absent value is not written, zero is.
 """
 
+from spoofbench.codec.compression import Compression
 from spoofbench.codec.container import Limits
 from spoofbench.codec.reading import read
 from spoofbench.codec.validating import validate
-from spoofbench.codec.writing import Compression, Writer, write
+from spoofbench.codec.writing import Writer, write
 
 __all__ = ["Compression", "Limits", "Writer", "read", "validate", "write"]

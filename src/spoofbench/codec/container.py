@@ -6,7 +6,6 @@ must unpack to exactly the size and the checksum it declares, and indexes serve 
 
 import mmap
 import struct
-import threading
 import zlib
 from array import array
 from collections.abc import Iterator, Sequence
@@ -15,14 +14,13 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import lz4.frame
 import numpy as np
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from spoofbench.codec.compression import decompress
 from spoofbench.errors import FormatError, LimitError
 
 RECORD = struct.Struct("<BQ")
@@ -40,7 +38,6 @@ INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
 _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8")])
 _CHUNK = struct.Struct("<QQQII")
 _REPEATS = 8
-_own = threading.local()
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,37 +207,13 @@ def unpack(buffer: NDArray[np.uint8], chunk: Chunk) -> NDArray[np.uint8]:
     Raises:
         FormatError: it unpacks to something else, or its compression is unknown.
     """
-    data = buffer[chunk.data]
-    try:
-        records = _decompress(data, chunk)
-    except (zstandard.ZstdError, RuntimeError) as error:
-        raise FormatError(f"the chunk at byte {chunk.offset} does not unpack: {error}") from error
+    where = f"the chunk at byte {chunk.offset}"
+    records = decompress(buffer[chunk.data], chunk.compression, chunk.size, where)
     if records.size != chunk.size:
-        raise FormatError(f"the chunk at byte {chunk.offset} does not unpack to the {chunk.size!r} bytes that it declares")
+        raise FormatError(f"{where} does not unpack to the {chunk.size!r} bytes that it declares")
     if chunk.crc and zlib.crc32(records.data) != chunk.crc:
-        raise FormatError(f"the chunk at byte {chunk.offset} is damaged: its checksum is not {chunk.crc!r}")
+        raise FormatError(f"{where} is damaged: its checksum is not {chunk.crc!r}")
     return records
-
-
-def _decompress(data: NDArray[np.uint8], chunk: Chunk) -> NDArray[np.uint8]:
-    if chunk.compression == "":
-        return data
-    if not chunk.size:
-        return np.empty(0, np.uint8)
-    if chunk.compression == "zstd":
-        declared = zstandard.frame_content_size(data.data)
-        if declared not in (-1, chunk.size):
-            raise FormatError(f"the chunk at byte {chunk.offset} declares {chunk.size!r} bytes but its zstd frame {declared!r}")
-        if not hasattr(_own, "zstd"):
-            _own.zstd = zstandard.ZstdDecompressor()
-        return np.frombuffer(_own.zstd.decompress(data, max_output_size=chunk.size), np.uint8)
-    if chunk.compression == "lz4":
-        unpacker = lz4.frame.LZ4FrameDecompressor()
-        records = unpacker.decompress(bytes(data), max_length=chunk.size)
-        if not unpacker.eof and unpacker.decompress(b"", max_length=1):
-            raise FormatError(f"the chunk at byte {chunk.offset} unpacks to more than the {chunk.size!r} bytes that it declares")
-        return np.frombuffer(records, np.uint8)
-    raise FormatError(f"the chunk at byte {chunk.offset} is compressed by {chunk.compression!r}; zstd, lz4 and none can be read")
 
 
 def chunk_contents(buffer: NDArray[np.uint8], chunk: Chunk, indexes: Sequence[slice] = ()) -> Contents:

@@ -1,19 +1,15 @@
 """Tables to an MCAP file: chunks of about 1 MiB, compressed by a small pool of threads, written in order."""
 
 import os
-import threading
-import zlib
 from collections import defaultdict, deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Literal, Self
+from typing import IO, Any, Self
 
-import lz4.frame
 import numpy as np
-import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, DataEnd, Header, MetadataIndex, Schema
@@ -22,6 +18,7 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from spoofbench import __version__
+from spoofbench.codec.compression import Compress, Compression
 from spoofbench.codec.container import INDEX_ENTRY
 from spoofbench.codec.ending import encoded, ending
 from spoofbench.codec.location import location_fixes
@@ -30,8 +27,6 @@ from spoofbench.codec.protobuf import ENCODING, LOCATION_SUFFIX, descriptor_set
 from spoofbench.errors import RecordingError
 from spoofbench.recording import Metadata, Recording, Table
 from spoofbench.schema import split_topic
-
-Compression = Literal["zstd", "lz4", "none"]
 
 CHUNK_BYTES = 1 << 20
 _THREADS = min(4, os.cpu_count() or 1)
@@ -65,7 +60,7 @@ class Writer:
     def __init__(self, path: Path, *, compression: Compression = "zstd", level: int = 3) -> None:
         self._path = Path(path)
         self._temporary = self._path.with_name(f".{self._path.name}.{os.getpid()}.part")
-        self._compress = _Compress(compression, level)
+        self._compress = Compress(compression, level)
         self._compression = "" if compression == "none" else compression
         self._schemas: dict[str, Schema] = {}
         self._channels: dict[str, Channel] = {}
@@ -268,24 +263,6 @@ class Writer:
                 self._offset += len(piece)
         except OSError as error:
             raise RecordingError(f"{str(self._path)!r} cannot be written: {error.strerror}") from error
-
-
-class _Compress:
-    """Checksum and compression of a payload, with a zstd context per thread."""
-
-    def __init__(self, compression: Compression, level: int) -> None:
-        self._compression, self._level = compression, level
-        self._own = threading.local()
-
-    def __call__(self, payload: NDArray[np.uint8]) -> tuple[int, Any]:
-        crc = zlib.crc32(payload.data)
-        if self._compression == "none":
-            return crc, payload
-        if self._compression == "lz4":
-            return crc, lz4.frame.compress(payload)
-        if not hasattr(self._own, "context"):
-            self._own.context = zstandard.ZstdCompressor(self._level)
-        return crc, self._own.context.compress(payload)
 
 
 def write(recording: Recording, path: Path, *, compression: Compression = "zstd", level: int = 3) -> None:
