@@ -50,7 +50,7 @@ class Check(Generic[Subject]):
             self()
         except CheckFailed as failure:
             return CheckResult(str(self), False, str(failure))
-        except Exception as error:  # noqa: BLE001  a plugin may raise anything
+        except Exception as error:  # noqa: BLE001, a plugin may raise anything
             return CheckResult(str(self), False, f"{type(error).__name__}: {error}")
         return CheckResult(str(self), True, None)
 
