@@ -49,6 +49,18 @@ def test_rows_below_the_receivers_limit_alone_lack_a_course(attack: Attack, velo
     assert min(blank_before, with_course_before) > 20
 
 
+def test_a_few_exceptions_do_not_hide_the_limit() -> None:
+    clean = _drive(True)
+    table = clean[PVT]
+    odd = np.random.default_rng(0).random(len(table)) < 0.01
+    course = np.where(odd, np.where(table.valid("course_deg"), np.nan, 10.0), table["course_deg"])
+    clean = clean.replace({PVT: table.replace(course_deg=np.where(table.valid("speed_mps"), course, np.nan))})
+    for window in _windows(clean):
+        after = falsify("any", DragOff(4.0), clean, window, 0)[PVT].between(window.start_ns, window.end_ns)
+        fast = after["speed_mps"] > SLOWEST_MPS + 0.5
+        assert after.valid("course_deg")[fast].all()
+
+
 def test_courses_missing_for_other_reasons_stay_missing() -> None:
     clean = _drive(True)
     table = clean[PVT]
