@@ -54,7 +54,7 @@ class Decisions:
 
 @runtime_checkable
 class Detector(Protocol):
-    """A spoofing detector.
+    """A spoofing detector; it refuses parameters that make no sense by ``ValueError``.
 
     Attributes:
         requires: kinds without which it cannot run.

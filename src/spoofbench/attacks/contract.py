@@ -21,7 +21,7 @@ from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
 
 @runtime_checkable
 class Attack(Protocol):
-    """A spoofing attack on a recording.
+    """A spoofing attack on a recording; it refuses parameters that make no sense by ``ValueError``.
 
     Attributes:
         models: the GNSS kinds whose change it models; other GNSS-derived kinds leave the variant.
