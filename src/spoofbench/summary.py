@@ -47,7 +47,7 @@ class Motion:
 
     Attributes:
         distance_m: sum of the ways between epochs of which one at least is faster than 0.3 m/s.
-        top_speed_mps: over ground.
+        top_speed_mps: over ground; infinite speeds and places count as unknown.
         stopped_share: share of the epochs with a speed that are slower than 0.3 m/s.
     """
 
@@ -113,7 +113,7 @@ def as_text(summary: Summary) -> str:
     when = "no rows"
     if summary.start_ns is not None and summary.duration_s is not None:
         start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=summary.start_ns // 1000)
-        when = f"{_minutes(summary.duration_s)} from {start:%Y-%m-%d %H:%M:%S} UTC, clock {summary.clock or 'unknown'}"
+        when = f"{_minutes(summary.duration_s)} from {start:%Y-%m-%d %H:%M:%S} UTC, clock {printable(summary.clock or 'unknown')}"
     lines = [printable(summary.file), f"  {when}", *_topic_lines(summary.topics)]
     if summary.motion:
         lines += ["", _pair("motion", _motion_text(summary.motion))]
@@ -121,7 +121,7 @@ def as_text(summary: Summary) -> str:
         lines += [_pair("attacks", f"{summary.attacks} in {TRUTH_TOPIC}")]
     for name, record in summary.metadata.items():
         if name not in ("recording", "primary"):
-            lines += ["", name, *(_pair(f"  {key}", value) for key, value in record.items())]
+            lines += ["", printable(name), *(_pair(f"  {key}", value) for key, value in record.items())]
     if summary.ledger:
         lines += ["", "ledger", *_wrapped(summary.ledger)]
     return "\n".join(line.rstrip() for line in lines)
@@ -148,7 +148,7 @@ def _topic(recording: Recording, topic: str) -> TopicSummary:
 
 def _motion(pvt: Table) -> Motion:
     speed = _speed(pvt)
-    known = ~np.isnan(speed)
+    known = np.isfinite(speed)
     moving = speed >= STOPPED_MPS
     return Motion(
         distance_m=_distance(pvt, moving | ~known),
@@ -166,13 +166,15 @@ def _speed(pvt: Table) -> NDArray[np.float64]:
 def _distance(pvt: Table, moving: NDArray[np.bool_]) -> float | None:
     import pymap3d
 
-    placed = pvt.valid("lat_deg") & pvt.valid("lon_deg")
+    placed = np.isfinite(pvt["lat_deg"]) & np.isfinite(pvt["lon_deg"])
     if not placed.any():
         return None
-    height = np.where(pvt.valid("height_m"), pvt["height_m"], 0.0)[placed]
+    height = np.where(np.isfinite(pvt["height_m"]), pvt["height_m"], 0.0)[placed]
     places = np.stack(pymap3d.geodetic2ecef(pvt["lat_deg"][placed], pvt["lon_deg"][placed], height), axis=1)
-    ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    return float(ways[moving[placed][1:] | moving[placed][:-1]].sum())
+    with np.errstate(over="ignore"):
+        ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        distance_m = float(ways[moving[placed][1:] | moving[placed][:-1]].sum())
+    return distance_m if np.isfinite(distance_m) else None
 
 
 def _ledger(record: Mapping[str, str] | None) -> Ledger | None:
@@ -185,13 +187,13 @@ def _ledger(record: Mapping[str, str] | None) -> Ledger | None:
 
 
 def _topic_lines(topics: tuple[TopicSummary, ...]) -> list[str]:
-    width = max([len(topic.topic) for topic in topics], default=5) + 2
+    names = [printable(topic.topic) for topic in topics]
+    width = max(map(len, names), default=5) + 2
     lines = ["", f"  {'topic':<{width}}{'rows':>11}{'rate Hz':>10}{'gaps':>7}{'longest s':>11}"]
-    for topic in topics:
+    for name, topic in zip(names, topics, strict=True):
         rate = f"{topic.rate_hz:.2f}" if topic.rate_hz else ""
         gap = f"{topic.longest_gap_s:.3f}" if topic.longest_gap_s else ""
-        name = f"{topic.topic}{' *' if topic.primary else ''}"
-        lines.append(f"  {name:<{width}}{topic.rows:>11,}{rate:>10}{topic.gaps:>7}{gap:>11}")
+        lines.append(f"  {name + (' *' if topic.primary else ''):<{width}}{topic.rows:>11,}{rate:>10}{topic.gaps:>7}{gap:>11}")
     return [*lines, "  * primary source of its kind"] if any(topic.primary for topic in topics) else lines
 
 
@@ -205,7 +207,7 @@ def _motion_text(motion: Motion) -> str:
 
 
 def _pair(name: str, value: str) -> str:
-    return textwrap.fill(printable(value), WIDTH, initial_indent=f"{name + '  ':<22}", subsequent_indent=" " * 22)
+    return textwrap.fill(printable(value), WIDTH, initial_indent=f"{printable(name) + '  ':<22}", subsequent_indent=" " * 22)
 
 
 def _wrapped(ledger: Ledger) -> list[str]:

@@ -65,6 +65,25 @@ def test_text_fits_80_columns_and_json_is_json(tmp_path: Path) -> None:
     assert content["topics"][0]["rows"] == 99
 
 
+def test_what_a_file_says_does_not_command_the_terminal(tmp_path: Path) -> None:
+    topic, nasty = "/a\x1b[2J\nb/imu", "\x1b]0;title\x07"
+    recording = Recording(
+        {topic: Table("imu", START_NS + np.arange(3), {"accel_z_mps2": np.zeros(3)})},
+        {"recording": {"clock": nasty}, nasty: {nasty: nasty}},
+    )
+    text = summary.as_text(summarised(recording, tmp_path))
+    assert all(line.isprintable() for line in text.split("\n"))
+    assert "/a\N{REPLACEMENT CHARACTER}[2J\N{REPLACEMENT CHARACTER}b/imu" in text
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, 1e308])
+def test_values_beyond_measure_are_no_motion(tmp_path: Path, value: float) -> None:
+    columns = {name: np.array([value, -value, value]) for name in ("lat_deg", "lon_deg", "height_m", "vel_n_mps", "vel_e_mps", "speed_mps")}
+    found = summarised(Recording({"/gnss0/gnss/pvt": Table("gnss/pvt", START_NS + np.arange(3) * SECOND_NS, columns)}), tmp_path)
+    json.dumps(summary.as_dict(found), allow_nan=False)
+    assert not {"nan", "inf"} & set(summary.as_text(found).replace(",", " ").split())
+
+
 def test_unknown_is_null(tmp_path: Path) -> None:
     times = START_NS + np.arange(3) * SECOND_NS
     found = summarised(Recording({"/gnss0/gnss/pvt": Table("gnss/pvt", times, {"num_sv": np.arange(3)})}), tmp_path)
