@@ -49,6 +49,9 @@ from spoofbench.errors import SuiteError
 RATE_PARAMETER = "rate_per_hour"
 """A detector's parameter of this name defaults to the suite's target false-alert rate."""
 
+MOST_S = 1e9
+"""Longest time that a suite can ask for, over 30 years: it fits in nanoseconds, and in what a system can wait."""
+
 LEAST_MEMORY_MB = 256
 """A worker with less cannot even import what it needs."""
 
@@ -138,13 +141,20 @@ def load_suite(path: Path) -> Suite:
         raise SuiteError(f"the suite {path.name!r} cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
         raise SuiteError(f"the suite {path.name!r} is not TOML: {error}") from error
+    try:
+        return _suite(path, document)
+    except RecursionError as error:
+        raise SuiteError(f"the suite {path.name!r} nests its tables too deeply; write parameters flat") from error
+
+
+def _suite(path: Path, document: Mapping[str, Any]) -> Suite:
     top = _Section(f"suite {path.name!r}", document)
     suite = Suite(
         name=top.label("name"),
         seed=top.whole("seed", 0),
         seeds=top.seeds("seeds"),
-        warm_up_s=top.number("warm_up_s", 0.0),
-        duration_s=top.number("duration_s", 0.0, exclusive=True),
+        warm_up_s=top.seconds("warm_up_s"),
+        duration_s=top.seconds("duration_s", exclusive=True),
         target_far_per_hour=top.number("target_far_per_hour", 0.0),
         limits=_limits(top.section("limits")),
         recordings=tuple(_recording(section, path.parent) for section in top.sections("recordings")),
@@ -160,7 +170,7 @@ def load_suite(path: Path) -> Suite:
 
 def _limits(section: "_Section") -> Limits:
     limits = Limits(
-        section.number("time_s", 0.0, Limits().time_s, exclusive=True), section.whole("memory_mb", LEAST_MEMORY_MB, Limits().memory_mb)
+        section.seconds("time_s", Limits().time_s, exclusive=True), section.whole("memory_mb", LEAST_MEMORY_MB, Limits().memory_mb)
     )
     section.close()
     return limits
@@ -182,7 +192,7 @@ def _attack(section: "_Section") -> AttackEntry:
 
 def _detector(section: "_Section") -> DetectorEntry:
     plugin = section.label("name")
-    hold_s = section.number("hold_s", 0.0, exclusive=True) if "hold_s" in section else None
+    hold_s = section.seconds("hold_s", exclusive=True) if "hold_s" in section else None
     entry = DetectorEntry(section.label("id", plugin), plugin, section.parameters("parameters"), hold_s)
     section.close()
     return entry
@@ -213,6 +223,14 @@ def _meant(given: str, known: Iterable[str]) -> str:
     known = sorted(known)
     near = difflib.get_close_matches(given, known, 1)
     return f"; did you mean {near[0]!r}?" if near else f"; there are {known}"
+
+
+def _is_finite(value: Any) -> bool:
+    """Whether a value is a number that a float can express."""
+    try:
+        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 _REQUIRED: Any = object()
@@ -266,10 +284,15 @@ class _Section:
 
     def number(self, key: str, least: float, default: Any = _REQUIRED, *, exclusive: bool = False) -> float:
         value = self.get(key, default)
-        fits = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-        if not fits or value < least or (exclusive and value == least):
+        if not _is_finite(value) or value < least or (exclusive and value == least):
             raise self.wrong(key, f"a number {'above' if exclusive else 'of at least'} {least:g}")
         return float(value)
+
+    def seconds(self, key: str, default: Any = _REQUIRED, *, exclusive: bool = False) -> float:
+        value = self.number(key, 0.0, default, exclusive=exclusive)
+        if value > MOST_S:
+            raise self.wrong(key, f"at most {MOST_S:g} s")
+        return value
 
     def whole(self, key: str, least: int, default: Any = _REQUIRED) -> int:
         value = self.get(key, default)
@@ -295,7 +318,7 @@ class _Section:
             return tuple(self.parameter(name, item) for item in value)
         if isinstance(value, dict):
             return {key: self.parameter(f"{name}.{key}", item) for key, item in value.items()}
-        if not isinstance(value, str | bool | int | float) or not (isinstance(value, str) or math.isfinite(value)):
+        if not isinstance(value, str | bool) and not _is_finite(value):
             raise SuiteError(
                 f"{self.where}: parameter {name} = {value!r} must be a text, a finite number, true or false; write dates as text"
             )
