@@ -59,7 +59,11 @@ def test_speed_and_course_stand_in_for_velocity() -> None:
 
 def test_a_receiver_without_course_stands_still_or_holds_it() -> None:
     n = np.arange(5)
-    table = Table("gnss/pvt", n * 10**9, {"speed_mps": np.array([0, 2.0, 2.0, 2.0, 0]), "course_deg": np.array([np.nan, np.nan, 90.0, np.nan, np.nan])})
+    table = Table(
+        "gnss/pvt",
+        n * 10**9,
+        {"speed_mps": np.array([0, 2.0, 2.0, 2.0, 0]), "course_deg": np.array([np.nan, np.nan, 90.0, np.nan, np.nan])},
+    )
     rate = motion_of(table).rate[:, :2] * metres_per_unit(motion_of(table).position)[:, :2]
     assert np.allclose(rate, [[0, 0], [0, 2], [0, 2], [0, 2], [0, 0]])
     never = motion_of(table.replace(course_deg=None)).rate[:, :2]
