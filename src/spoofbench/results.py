@@ -11,10 +11,12 @@
     costs.parquet               time and memory: the only file that may differ between equal runs
 """
 
+import contextlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from types import NoneType
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -23,7 +25,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from spoofbench.detecting import Decisions
-from spoofbench.errors import ResultsError
+from spoofbench.errors import PluginError, RecordingError, ResultsError
 from spoofbench.recording import Interval
 
 Status = Literal["ok", "skipped", "not_modelled", "failed", "timeout", "out_of_memory"]
@@ -59,6 +61,7 @@ class Task:
 
 _ARROW: dict[Any, Any] = {int: pa.int64(), int | None: pa.int64(), float: pa.float64(), float | None: pa.float64()}
 TASK_SCHEMA = pa.schema([(field.name, _ARROW.get(field.type, pa.string())) for field in fields(Task)])
+_KNOWN = [field.name for field in fields(Task) if NoneType not in get_args(field.type)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,16 +130,20 @@ def read_outcome(folder: Path, task_id: str) -> Outcome | None:
         raise ResultsError(f"{path} has no status; delete it and resume the run")
     decisions = None
     if about["status"] == "ok":
-        decisions = Decisions(*_columns(path, table, _DECISION_SCHEMA.names).values())
+        try:
+            decisions = Decisions(*_columns(path, table, _DECISION_SCHEMA).values())
+        except PluginError as error:
+            raise ResultsError(f"{path} is damaged: {error}; delete it and resume the run") from error
     return Outcome(about["status"], about.get("reason") or None, decisions)
 
 
-_TRUTH_COLUMNS = [field.name for field in fields(Truth) if field.name not in ("epoch_ns", "intervals")]
+_TRUTH_TYPES: dict[Any, Any] = {NDArray[np.int64]: pa.int64(), NDArray[np.bool_]: pa.bool_(), NDArray[np.float64]: pa.float64()}
+_TRUTH_SCHEMA = pa.schema([(field.name, _TRUTH_TYPES[field.type]) for field in fields(Truth) if field.type in _TRUTH_TYPES])
 
 
 def write_truth(folder: Path, variant_id: str, truth: Truth) -> None:
     """Write one variant's scoring grid and intervals."""
-    columns = {name: getattr(truth, name) for name in _TRUTH_COLUMNS}
+    columns = {name: getattr(truth, name) for name in _TRUTH_SCHEMA.names}
     about = {
         "epoch_ns": str(truth.epoch_ns),
         "intervals": json.dumps([[interval.start_ns, interval.end_ns] for interval in truth.intervals]),
@@ -157,12 +164,15 @@ def read_truth(folder: Path, variant_id: str) -> Truth:
     """
     path = folder / "truth" / f"{variant_id}.parquet"
     table = read_parquet(path)
-    columns = _columns(path, table, _TRUTH_COLUMNS)
+    columns = _columns(path, table, _TRUTH_SCHEMA)
     about = table.schema.metadata or {}
     try:
-        intervals = tuple(Interval(*pair) for pair in json.loads(about[b"intervals"]))
-        return Truth(**columns, epoch_ns=int(about[b"epoch_ns"]), intervals=intervals)
-    except (KeyError, TypeError, ValueError) as error:
+        bounds = np.array(json.loads(about[b"intervals"]) or np.empty((0, 2), np.int64)).reshape(-1, 2)
+        epoch_ns = int(about[b"epoch_ns"])
+        if bounds.dtype != np.int64 or not 0 < epoch_ns < 2**63:
+            raise ValueError("not whole nanoseconds")
+        return Truth(**columns, epoch_ns=epoch_ns, intervals=tuple(Interval(*pair) for pair in bounds.tolist()))
+    except (KeyError, TypeError, ValueError, RecordingError, RecursionError) as error:
         raise ResultsError(f"{path} does not say its epoch and intervals; run the suite again") from error
 
 
@@ -178,15 +188,17 @@ def read_tasks(folder: Path) -> list[Task]:
         ResultsError: the file is missing or damaged.
     """
     path = folder / "tasks.parquet"
-    table = read_parquet(path)
-    if set(table.column_names) != set(TASK_SCHEMA.names):
-        raise ResultsError(f"{path} is of another version of spoofbench: it has columns {table.column_names}; run the suite again")
-    return [Task(**row) for row in table.to_pylist()]
+    rows = read_rows(path, TASK_SCHEMA)
+    for row in rows:
+        unknown = [name for name in _KNOWN if row[name] is None]
+        if unknown or row["status"] not in get_args(Status):
+            raise ResultsError(f"{path} is damaged: a task has no {(unknown or ['status'])[0]!r} that is known; resume the run")
+    return [Task(**row) for row in rows]
 
 
 def write_run(folder: Path, run: Mapping[str, Any]) -> None:
     """Write ``run.json``."""
-    _replace(folder / "run.json", lambda path: path.write_text(json.dumps(run, indent=1, sort_keys=True) + "\n"))
+    write_whole(folder / "run.json", lambda path: path.write_text(json.dumps(run, indent=1, sort_keys=True) + "\n"))
 
 
 def read_run(folder: Path) -> dict[str, Any]:
@@ -197,14 +209,14 @@ def read_run(folder: Path) -> dict[str, Any]:
     """
     try:
         run: dict[str, Any] = dict(json.loads((folder / "run.json").read_text()))
-    except (OSError, TypeError, ValueError) as error:
+    except (OSError, TypeError, ValueError, RecursionError) as error:
         raise ResultsError(f"{folder} is not a results folder: {error}") from error
     return run
 
 
 def write_parquet(path: Path, table: pa.Table) -> None:
     """Write a table under a temporary name and rename it."""
-    _replace(path, lambda temporary: pq.write_table(table, temporary, compression="zstd"))
+    write_whole(path, lambda temporary: pq.write_table(table, temporary, compression="zstd"))
 
 
 def read_parquet(path: Path) -> pa.Table:
@@ -219,16 +231,43 @@ def read_parquet(path: Path) -> pa.Table:
         raise ResultsError(f"{path} cannot be read: {error}") from error
 
 
-def _replace(path: Path, write: Any) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
+def read_rows(path: Path, schema: pa.Schema) -> list[dict[str, Any]]:
+    """Return the rows of a table of this schema; unknown is None, and numbers are finite.
+
+    Raises:
+        ResultsError: the file is missing or damaged.
+    """
+    table = read_parquet(path)
+    if not table.schema.equals(schema):
+        raise ResultsError(f"{path} is of another version of spoofbench: it has columns {table.column_names}; run the suite again")
+    for column in schema:
+        if column.type == pa.float64() and not np.isfinite(table[column.name].drop_null().to_numpy()).all():
+            raise ResultsError(f"{path} is damaged: {column.name!r} is not finite everywhere; score the folder again")
+    rows: list[dict[str, Any]] = table.to_pylist()
+    return rows
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Let a function write a file under a temporary name, and rename it: it is there whole or not at all.
+
+    Raises:
+        ResultsError: it cannot be written.
+    """
     temporary = path.with_name(f".{path.name}.part")
-    write(temporary)
-    temporary.replace(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(temporary)
+        temporary.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise ResultsError(f"{str(path)!r} cannot be written: {error.strerror or error}") from error
 
 
-def _columns(path: Path, table: pa.Table, names: Sequence[str]) -> dict[str, Any]:
-    """Return columns without nulls as arrays."""
-    for name in names:
-        if name not in table.column_names or table[name].null_count:
+def _columns(path: Path, table: pa.Table, schema: pa.Schema) -> dict[str, Any]:
+    """Return columns of these types, without nulls, as arrays."""
+    for column in schema:
+        name = column.name
+        if name not in table.column_names or table[name].type != column.type or table[name].null_count:
             raise ResultsError(f"{path} lacks values of {name!r}; delete it and resume the run")
-    return {name: table[name].to_numpy() for name in names}
+    return {name: table[name].to_numpy() for name in schema.names}

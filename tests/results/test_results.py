@@ -14,6 +14,7 @@ from spoofbench.detecting import Decisions
 from spoofbench.errors import ResultsError
 from spoofbench.recording import Interval
 from spoofbench.results import (
+    TASK_SCHEMA,
     Outcome,
     Status,
     Task,
@@ -130,8 +131,9 @@ def test_a_write_that_fails_leaves_the_file_that_was_there(tmp_path: Path, monke
         raise OSError("no space left")
 
     monkeypatch.setattr("spoofbench.results.pq.write_table", half)
-    with pytest.raises(OSError, match="no space"):
+    with pytest.raises(ResultsError, match=r"tasks\.parquet' cannot be written: no space"):
         write_tasks(tmp_path, [])
+    assert [path.name for path in tmp_path.iterdir()] == ["tasks.parquet"]
     assert read_tasks(tmp_path) == [TASK]
 
 
@@ -165,7 +167,68 @@ def test_damage_is_said(tmp_path: Path) -> None:
     write_parquet(tasks, pa.Table.from_pylist([{**asdict(TASK), "colour": "red"}]))
     with pytest.raises(ResultsError, match="another version"):
         read_tasks(tmp_path)
-    for text in ("", "{", "[1]", "3"):
+    for text in ("", "{", "[1]", "3", "[" * 100_000):
         (tmp_path / "run.json").write_text(text)
         with pytest.raises(ResultsError, match="not a results folder"):
             read_run(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"detector": None}, {"status": "well"}, {"memory_s": np.inf}, {"hold_s": np.nan}, {"target_far_per_hour": None}, {"variant_id": None}],
+)
+def test_tasks_that_no_run_writes_are_damage(tmp_path: Path, change: dict[str, object]) -> None:
+    write_tasks(tmp_path, [TASK])
+    write_parquet(tmp_path / "tasks.parquet", pa.Table.from_pylist([asdict(TASK) | change], TASK_SCHEMA))
+    with pytest.raises(ResultsError, match=f"damaged.*{next(iter(change))}"):
+        read_tasks(tmp_path)
+
+
+def test_columns_of_other_types_are_damage(tmp_path: Path) -> None:
+    write_tasks(tmp_path, [TASK])
+    write_outcome(tmp_path, "t", Outcome("ok", None, Decisions([1, 2], [2.0, 0.5], [True, True])))
+    write_truth(tmp_path, "v", truth())
+    for part, read in (
+        ("tasks", lambda: read_tasks(tmp_path)),
+        ("decisions/t", lambda: read_outcome(tmp_path, "t")),
+        ("truth/v", lambda: read_truth(tmp_path, "v")),
+    ):
+        path = tmp_path / f"{part}.parquet"
+        good = read_parquet(path)
+        for place, name in enumerate(good.column_names):
+            other = pa.nulls(len(good), pa.string()).fill_null("x") if good[name].type != pa.string() else pa.array([1] * len(good))
+            write_parquet(path, good.set_column(place, name, other))
+            with pytest.raises(ResultsError):
+                read()
+        write_parquet(path, good)
+        read()
+
+
+def test_decisions_out_of_order_are_damage(tmp_path: Path) -> None:
+    write_outcome(tmp_path, "t", Outcome("ok", None, Decisions([1, 2], [2.0, 0.5], [True, True])))
+    path = tmp_path / "decisions" / "t.parquet"
+    write_parquet(path, read_parquet(path).take([1, 0]))
+    with pytest.raises(ResultsError, match="decision times must increase"):
+        read_outcome(tmp_path, "t")
+
+
+@pytest.mark.parametrize(
+    "about",
+    [
+        {"intervals": '[["a", "b"]]'},
+        {"intervals": "[[1.5, NaN]]"},
+        {"intervals": f"[[0, {10**40}]]"},
+        {"intervals": '{"ab": 1}'},
+        {"intervals": "[" * 100_000},
+        {"intervals": "[[5, 1]]"},
+        {"epoch_ns": "9" * 30},
+        {"epoch_ns": "0"},
+    ],
+)
+def test_intervals_that_are_not_whole_nanoseconds_are_damage(tmp_path: Path, about: dict[str, str]) -> None:
+    write_truth(tmp_path, "v", truth())
+    path = tmp_path / "truth" / "v.parquet"
+    table = read_parquet(path)
+    write_parquet(path, table.replace_schema_metadata({**table.schema.metadata, **{key.encode(): value for key, value in about.items()}}))
+    with pytest.raises(ResultsError, match="epoch and intervals"):
+        read_truth(tmp_path, "v")

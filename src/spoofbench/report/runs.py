@@ -9,7 +9,8 @@ import numpy as np
 
 from spoofbench.report.text import NONE, between, percent, rate, seconds, share_percent
 from spoofbench.report.traces import STEPS, Plane, Pool, interval_s, milliseconds, pack_scores, thinned
-from spoofbench.results import Task, Truth, has_truth, read_outcome, read_parquet, read_tasks, read_truth
+from spoofbench.results import Task, Truth, has_truth, read_outcome, read_rows, read_tasks, read_truth
+from spoofbench.scoring.folder import SCORE_SCHEMA
 from spoofbench.scoring.grid import GUARD_S
 
 CLEAN = "none (clean)"
@@ -29,7 +30,7 @@ def payload(folder: Path, best: str) -> dict[str, Any]:
         ResultsError: the folder lacks a file or a file is damaged.
     """
     tasks = read_tasks(folder)
-    scores = {row["task_id"]: row for row in read_parquet(folder / "scores.parquet").to_pylist()}
+    scores = {row["task_id"]: row for row in read_rows(folder / "scores.parquet", SCORE_SCHEMA)}
     truths = {task.variant_id: read_truth(folder, task.variant_id) for task in tasks if has_truth(folder, task.variant_id)}
     pool = Pool()
     planes = _planes(tasks, truths)

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from spoofbench.report.md import as_markdown
 from spoofbench.report.runs import payload
 from spoofbench.report.tables import Board, basis, exceeds_target, read_board
 from spoofbench.report.views import COLUMNS, figures, shades, versions
-from spoofbench.results import read_run
+from spoofbench.results import read_run, write_whole
 
 _STYLES = ("uplot/uPlot.min.css", "page.css")
 _SCRIPTS = ("uplot/uPlot.iife.min.js", "tables.js", "data.js", "timeline.js", "map.js", "runs.js")
@@ -28,11 +29,8 @@ def write(folder: Path, site: Path) -> Path:
         "leaderboard.json": json.dumps(asdict(board.ranking) | {"clean_h": board.extent.clean_h}, indent=1, allow_nan=False) + "\n",
         "index.html": _page(board, run, payload(folder, board.ranking.rows[0].detector)),
     }
-    site.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
-        temporary = site / f".{name}.part"
-        temporary.write_text(text, encoding="utf-8", newline="\n")
-        temporary.replace(site / name)
+        write_whole(site / name, partial(Path.write_text, data=text, encoding="utf-8", newline="\n"))
     return site / "index.html"
 
 

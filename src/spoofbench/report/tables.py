@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spoofbench.report.text import NONE, between, counted, percent, rate, seconds
-from spoofbench.results import Task, has_truth, read_parquet, read_tasks, read_truth
+from spoofbench.results import Task, has_truth, read_rows, read_tasks, read_truth
+from spoofbench.scoring.folder import EVENT_SCHEMA
 from spoofbench.scoring.ranking import Cell, Leaderboard, Row, leaderboard
 
 
@@ -52,7 +53,7 @@ def _extent(folder: Path, tasks: Sequence[Task]) -> Extent:
     variants = {task.variant_id: task.attack for task in tasks if has_truth(folder, task.variant_id)}
     clean = [read_truth(folder, variant) for variant, attack in variants.items() if attack is None]
     longest_s: dict[str, float] = {}
-    for event in read_parquet(folder / "events.parquet").select(["detector", "length_s"]).to_pylist():
+    for event in read_rows(folder / "events.parquet", EVENT_SCHEMA):
         longest_s[event["detector"]] = max(longest_s.get(event["detector"], 0.0), event["length_s"])
     return Extent(
         clean_h=sum(truth.time_ns.size * truth.epoch_ns for truth in clean) / 3.6e12,

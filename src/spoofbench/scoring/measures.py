@@ -159,12 +159,12 @@ def find_events(time_ns: Times, alert: Flags, available: Flags, intervals: Seque
 def error_at(time_ns: Times, position_error_m: Floats, at_ns: int) -> float | None:
     """Return the position error at the latest epoch at or before a time."""
     row = int(np.searchsorted(time_ns, at_ns, "right")) - 1
-    return None if row < 0 or np.isnan(position_error_m[row]) else float(position_error_m[row])
+    return None if row < 0 or not np.isfinite(position_error_m[row]) else float(position_error_m[row])
 
 
 def largest_error(position_error_m: Floats, epochs: Flags) -> float | None:
     """Return the largest known position error over these epochs, such as spoofed ones without alert."""
-    known = position_error_m[epochs & ~np.isnan(position_error_m)]
+    known = position_error_m[epochs & np.isfinite(position_error_m)]
     return float(known.max()) if known.size else None
 
 

@@ -7,8 +7,9 @@ from statistics import median
 from typing import Any
 
 from spoofbench.errors import ResultsError
-from spoofbench.results import FAILURES, Task, read_parquet, read_run, read_tasks
+from spoofbench.results import FAILURES, Task, read_rows, read_run, read_tasks
 from spoofbench.scoring.estimates import Survival, proportion, session_interval, survival
+from spoofbench.scoring.folder import EVENT_SCHEMA, SCORE_SCHEMA
 from spoofbench.scoring.measures import false_alert_rate
 
 BASELINES = "spoofbench-baselines"
@@ -127,8 +128,8 @@ def leaderboard(folder: Path) -> Leaderboard:
     tasks = read_tasks(folder)
     if not tasks:
         raise ResultsError(f"{folder} has no tasks to rank; run a suite into it")
-    scores = read_parquet(folder / "scores.parquet").to_pylist()
-    events = read_parquet(folder / "events.parquet").to_pylist()
+    scores = read_rows(folder / "scores.parquet", SCORE_SCHEMA)
+    events = read_rows(folder / "events.parquet", EVENT_SCHEMA)
     if [row["task_id"] for row in scores] != [task.task_id for task in tasks]:
         raise ResultsError(f"the scores in {folder} are not those of its tasks; score it again")
     horizon_s = max((event["length_s"] for event in events), default=0.0)
