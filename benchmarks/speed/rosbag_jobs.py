@@ -29,7 +29,7 @@ from spoofbench.schema.v1.gnss_pb2 import Pvt
 from spoofbench.schema.v1.imu_pb2 import Imu
 from spoofbench.schema.v1.ins_pb2 import Pva
 
-MESSAGES = 100_000
+MESSAGES = 200_000
 IMU, POSITION, VELOCITY, PVA = "/imu0/imu", "position", "velocity", "/reference/pva"
 PVT = "/gnss0/gnss/pvt"
 

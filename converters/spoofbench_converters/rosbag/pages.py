@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spoofbench_converters.rosbag.bag import MAX_MESSAGE_BYTES
 from spoofbench_converters.rosbag.cdr import windows
 
-SLAB_BYTES = 4_194_304
+SLAB_BYTES = 16_777_216
 FIRST_KEY, LAST_KEY = -(2**63), 2**63 - 1
 
 _TABLE = b"CREATE TABLE messages ( id INTEGER PRIMARY KEY , topic_id INTEGER NOT NULL , timestamp INTEGER NOT NULL , data BLOB NOT NULL )"
@@ -64,10 +64,10 @@ class _Children:
     pages: _Integers
     keys: _Integers
 
-    def split(self, most: int) -> "Iterator[_Children]":
-        """Yield them, at most so many at a time."""
-        for start in range(0, self.pages.size, most):
-            yield _Children(self.pages[start : start + most], self.keys[start : start + most])
+    def split(self, size: int) -> "Iterator[_Children]":
+        """Yield them so many at a time, at last the rest."""
+        for start in range(0, self.pages.size, size):
+            yield _Children(self.pages[start : start + size], self.keys[start : start + size])
 
 
 def _joined(parts: Sequence[_Children]) -> _Children:
@@ -122,10 +122,10 @@ class Pages:
             waiting.append(leaves)
             count += leaves.pages.size
             if count >= most:
-                yield from _joined(waiting).split(most)
-                waiting, count = [], 0
-        if waiting:
-            yield _joined(waiting)
+                *whole, rest = _joined(waiting).split(most)
+                yield from whole
+                waiting, count = [rest], rest.pages.size
+        yield _joined(waiting)
 
     def _leaves(self, children: _Children, before: int, depth: int) -> Iterator[_Children]:
         if depth >= _MAX_DEPTH:
@@ -142,7 +142,8 @@ class Pages:
         size = self._page_bytes
         if pages.min() < 2 or pages.max() > self._pages or (pages == _LOCK_BYTE // size + 1).any():
             raise Unusual
-        octets = np.zeros(pages.size * size + _PADDING, np.uint8)
+        octets = np.empty(pages.size * size + _PADDING, np.uint8)
+        octets[-_PADDING:] = 0
         runs = np.concatenate([[0], np.flatnonzero(np.diff(pages) != 1) + 1, [pages.size]]).tolist()
         for start, end in pairwise(runs):
             whole, read = self._database.read("main", 0, (int(pages[start]) - 1) * size, (end - start) * size)
@@ -176,28 +177,21 @@ class Pages:
 
     def _read_leaves(self, leaves: _Children, before: int, wanted: _Integers) -> Cells:
         octets = self._read(leaves.pages)
-        cells, counts = self._pointers(octets, leaves.pages.size, _LEAF)
-        payloads, after = _varints(octets, cells)
-        keys, heads = _varints(octets, after)
+        starts, counts = self._pointers(octets, leaves.pages.size, _LEAF)
+        payloads, ends = _varints(octets, starts)
+        keys, heads = _varints(octets, ends)
         last = np.cumsum(counts) - 1
-        first = last - counts + 1
         bounds = np.concatenate([[before], leaves.keys])
-        if (np.diff(keys) <= 0).any() or (keys[first] <= bounds[:-1]).any() or (keys[last] > leaves.keys).any():
+        if (np.diff(keys) <= 0).any() or (keys[last - counts + 1] <= bounds[:-1]).any() or (keys[last] > leaves.keys).any():
             raise Unusual
-        topic_types, stamp_types = octets[heads + 2], octets[heads + 3]
-        data_types, ends = _varints(octets, heads + 4)
-        if (octets[heads + 1] != 0).any() or (ends - heads != octets[heads]).any() or (data_types < 12).any() or (data_types & 1).any():
-            raise Unusual
-        topics, ends = _integers(octets, ends, topic_types)
-        stamps_ns, starts = _integers(octets, ends, stamp_types)
-        lengths = (data_types - 12) // 2
+        cells = _cells(octets, keys, heads, payloads)
         local = self._local(payloads)
-        there = (local == payloads) & (lengths < MAX_MESSAGE_BYTES - _PADDING)
-        ends = heads + local + 4 * (local < payloads)
+        whole = (local == payloads) & (cells.lengths < MAX_MESSAGE_BYTES - _PADDING)
+        ends = heads + local + 4 * (local < payloads)  # the number of the page where the rest lies takes four bytes
         page_ends = np.repeat(np.arange(counts.size) * self._page_bytes + self._usable, counts)
-        if (starts + lengths != heads + payloads).any() or (ends > page_ends).any() or not (there | ~np.isin(topics, wanted)).all():
+        if (ends > page_ends).any() or np.isin(cells.topics[~whole], wanted).any():
             raise Unusual
-        return Cells(octets, keys, topics, stamps_ns, starts, lengths)
+        return cells
 
     def _local(self, payloads: _Integers) -> _Integers:
         """Return how many bytes of payloads are within their cells."""
@@ -210,6 +204,20 @@ class Pages:
 
 def _words(sql: bytes) -> list[bytes]:
     return re.findall(rb"\w+|[^\s\w]", sql.upper())
+
+
+def _cells(octets: NDArray[np.uint8], keys: _Integers, heads: _Integers, payloads: _Integers) -> Cells:
+    """Return messages whose records start at these places and have so many bytes: no key, two whole numbers, bytes."""
+    topic_types, stamp_types = octets[heads + 2], octets[heads + 3]
+    data_types, ends = _varints(octets, heads + 4)
+    if (octets[heads] != ends - heads).any() or octets[heads + 1].any() or (data_types < 12).any() or (data_types & 1).any():
+        raise Unusual
+    topics, ends = _integers(octets, ends, topic_types)
+    stamps_ns, starts = _integers(octets, ends, stamp_types)
+    lengths = (data_types - 12) // 2
+    if (starts + lengths != heads + payloads).any():
+        raise Unusual
+    return Cells(octets, keys, topics, stamps_ns, starts, lengths)
 
 
 def _varints(octets: NDArray[np.uint8], starts: _Integers) -> tuple[_Integers, _Integers]:
