@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from spoofbench import cli
+from spoofbench.errors import PluginError
+
 HEAVY = ("numpy", "pandas", "pyarrow", "scipy", "rosbags", "rich", "google.protobuf")
 
 
@@ -49,6 +52,12 @@ def test_help_fits_80_columns_and_names_every_command(tmp_path: Path) -> None:
         (["attack", "text.mcap", "-a", "nonsense", "-o", "out.mcap"], 1),
         (["attack", "text.mcap", "-a", "replay", "-p", "delay", "-o", "out.mcap"], 2),
         (["attack", "text.mcap", "-a", "replay", "-p", "nonsense=1", "-o", "out.mcap"], 1),
+        (["attack", "text.mcap", "-a", "replay", "-p", "delay_s=1", "-p", "delay_s=2", "-o", "out.mcap"], 2),
+        (["attack", "text.mcap", "-a", "replay", "-o", "text.mcap"], 2),
+        (["attack", "empty.mcap", "-a", "meacon", "--donor", "text.mcap", "-o", "./text.mcap"], 2),
+        (["attack", "text.mcap", "-a", "replay", "--start", "nan", "-o", "out.mcap"], 2),
+        (["attack", "text.mcap", "-a", "replay", "--duration", "1e300", "-o", "out.mcap"], 2),
+        (["attack", "text.mcap", "-a", "replay", "--seed", str(2**63), "-o", "out.mcap"], 2),
         (["run", "missing.toml", "-o", "results"], 1),
         (["run", "text.mcap", "-o", "results"], 1),
         (["score", "missing"], 1),
@@ -68,6 +77,28 @@ def test_what_a_user_can_cause_is_one_sentence(words: list[str], code: int, tmp_
         assert done.stderr.startswith("spoofbench: ")
         assert done.stderr.count("\n") == 1
     assert not (tmp_path / "out.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (PluginError("two\nlines, \x1b[2J"), "two lines, \N{REPLACEMENT CHARACTER}[2J"),
+        (OSError(28, "No space left on device", "x.mcap"), "x.mcap: No space left on device"),
+        (OSError("no more"), "the output: no more"),
+        (MemoryError(), "this takes more memory than there is"),
+    ],
+)
+def test_any_mishap_is_one_line_that_a_terminal_can_show(
+    error: Exception, sentence: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def mishap() -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "app", mishap)
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 1
+    assert capsys.readouterr().err == f"spoofbench: {sentence}\n"
 
 
 def test_plugins_are_listed_for_machines(tmp_path: Path) -> None:

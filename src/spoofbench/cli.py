@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any, NoReturn, Optional
 
 import typer
 
@@ -16,6 +16,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+MOST_S, MOST_SEED = 1e9, 2**63 - 1
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print for machines.")]
 Parameters = Annotated[Optional[list[str]], typer.Option("-p", "--parameter", metavar="KEY=VALUE", help="Parameter; repeat for more.")]  # noqa: UP045
@@ -55,6 +57,7 @@ def convert(
 ) -> None:
     """Convert raw logs and account for every part."""
     from spoofbench.converting import convert as convert_one
+    from spoofbench.report.text import printable
 
     targets = _targets(inputs, out)
     ledgers: dict[str, Any] = {}
@@ -67,7 +70,7 @@ def convert(
         _print_json({name: ledger.as_dict() for name, ledger in ledgers.items()})
     else:
         for name, ledger in ledgers.items():
-            typer.echo(f"{name}\n{ledger.as_text()}")
+            typer.echo("\n".join(map(printable, [name, *ledger.as_text().split("\n")])))
 
 
 @app.command()
@@ -89,14 +92,16 @@ def attack(
     out: Annotated[Path, typer.Option("-o", help="Variant to write.")],
     parameters: Parameters = None,
     donors: Annotated[Optional[list[Path]], typer.Option("--donor", help="Recording that supplies foreign signals.")] = None,  # noqa: UP045
-    start: Annotated[Optional[float], typer.Option(help="Seconds after the first row; else drawn by the seed.")] = None,  # noqa: UP045
-    duration: Annotated[float, typer.Option(help="Seconds.")] = 120.0,
-    seed: Annotated[int, typer.Option(help="Seed of all chance.")] = 0,
+    start: Annotated[Optional[float], typer.Option(min=0, max=MOST_S, help="Seconds after the first row; else drawn by the seed.")] = None,  # noqa: UP045
+    duration: Annotated[float, typer.Option(min=0, max=MOST_S, help="Seconds.")] = 120.0,
+    seed: Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed of all chance.")] = 0,
     as_json: AsJson = False,
 ) -> None:
     """Write a spoofed variant with its truth."""
     from spoofbench.attacks.files import attack_file
 
+    if out.resolve() in {clean.resolve() for clean in (file, *(donors or []))}:
+        raise typer.BadParameter(f"the variant {str(out)!r} would take the place of a recording that it is made from")
     rows = attack_file(file, out, name, _values(parameters), donors or [], start_s=start, duration_s=duration, seed=seed)
     if as_json:
         _print_json(rows)
@@ -194,11 +199,18 @@ def main() -> None:
     try:
         app()
     except SpoofbenchError as error:
-        typer.echo(f"spoofbench: {error}", err=True)
-        sys.exit(1)
+        _fail(str(error))
     except OSError as error:
-        typer.echo(f"spoofbench: {error.filename or 'a file'}: {error.strerror or error}", err=True)
-        sys.exit(1)
+        _fail(f"{error.filename or 'the output'}: {error.strerror or error}")
+    except MemoryError:
+        _fail("this takes more memory than there is")
+
+
+def _fail(reason: str) -> NoReturn:
+    from spoofbench.report.text import printable
+
+    typer.echo(f"spoofbench: {printable(' '.join(reason.split()))}", err=True)
+    sys.exit(1)
 
 
 def _leaderboard(results: Path) -> None:
@@ -228,6 +240,8 @@ def _texts(pairs: list[str] | None) -> dict[str, str]:
         key, equals, value = pair.partition("=")
         if not key or not equals:
             raise typer.BadParameter(f"{pair!r} is not KEY=VALUE")
+        if key in texts:
+            raise typer.BadParameter(f"parameter {key!r} stands there twice")
         texts[key] = value
     return texts
 
