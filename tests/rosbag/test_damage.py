@@ -115,6 +115,10 @@ def test_a_bare_database_gives_the_same_rows(maker: Any, convert_bag: Callable[.
         ("relative_file_paths:", "relative_file_paths:\n  - more.db3", "split into 2 files"),
         ("rosbag2_bagfile_information:", "[rosbag2_bagfile_information", "cannot be read"),
         ("bag.db3", "../../secret.db3", "lacks its database 'secret.db3'"),
+        ("bag.db3", "[[bag.db3]]", "does not name its database"),
+        ("storage_identifier: sqlite3", "storage_identifier: [sqlite3]", "in words"),
+        ("compression_mode: ''", "compression_mode: [file]", "in words"),
+        ("compression_mode: ''", "compression_mode: " + "[" * 10_000, "cannot be read"),
     ],
 )
 def test_bags_that_cannot_be_read_yet_are_one_sentence(

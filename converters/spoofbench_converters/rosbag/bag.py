@@ -40,6 +40,9 @@ def locate(path: Path) -> Location:
         return Location(path, None)
     about = _metadata(path / "metadata.yaml")
     storage, files = about.get("storage_identifier"), about.get("relative_file_paths")
+    # What is printed or turned to text must be text: a few nested aliases stand for gigabytes.
+    if not all(isinstance(word, str | None) for word in (storage, about.get("compression_mode"))):
+        raise ConversionError(f"the bag {path.name!r} does not say in words how it is stored")
     if about.get("compression_mode") not in (None, "", "none", "NONE"):
         raise ConversionError(f"the bag {path.name!r} is compressed ({about['compression_mode']!r}); decompress it with `ros2 bag convert`")
     if storage != "sqlite3":
@@ -47,7 +50,9 @@ def locate(path: Path) -> Location:
     if not isinstance(files, list) or len(files) != 1:
         count = len(files) if isinstance(files, list) else 0
         raise ConversionError(f"the bag {path.name!r} is split into {count} files; merge it with `ros2 bag convert`")
-    database = path / Path(str(files[0])).name
+    if not isinstance(files[0], str):
+        raise ConversionError(f"the bag {path.name!r} does not name its database")
+    database = path / Path(files[0]).name
     if not database.is_file():
         raise ConversionError(f"the bag {path.name!r} lacks its database {database.name!r}")
     declared = about.get("message_count")
@@ -104,7 +109,7 @@ def _metadata(path: Path) -> dict[str, Any]:
             raise ConversionError(f"{path.name!r} of the bag {path.parent.name!r} is larger than {MAX_METADATA_BYTES:,} bytes")
         content = YAML(typ="safe").load(path.read_text("utf-8"))
         about = content["rosbag2_bagfile_information"]
-    except (OSError, UnicodeDecodeError, YAMLError, KeyError, TypeError) as error:
+    except (OSError, UnicodeDecodeError, YAMLError, KeyError, TypeError, RecursionError) as error:
         raise ConversionError(f"{path.name!r} of the bag {path.parent.name!r} cannot be read: {type(error).__name__}") from error
     if not isinstance(about, dict):
         raise ConversionError(f"{path.name!r} of the bag {path.parent.name!r} does not describe a bag")
