@@ -179,3 +179,9 @@ def test_rosbags_reads_what_these_tests_write(maker: Any) -> None:
     session = maker.session(2)
     with rosbags.rosbag2.Reader(maker.bag(session)) as reader:
         assert [stamp for _, stamp, _ in reader.messages()] == [stamp for _, _, stamp, _ in session]
+
+
+@pytest.mark.parametrize("value", [0.0, -0.01, float("nan"), float("inf")])
+def test_an_interval_that_no_inertial_sensor_has_is_refused(value: float) -> None:
+    with pytest.raises(ValueError, match="imu_interval_s must be above 0"):
+        rosbag.Options(imu_interval_s=value)

@@ -34,6 +34,10 @@ class Options:
     imu_interval_s: float | None = None
     session: str | None = None
 
+    def __post_init__(self) -> None:
+        if self.imu_interval_s is not None and not 0 < self.imu_interval_s < np.inf:
+            raise ValueError(f"imu_interval_s must be above 0 and finite, not {self.imu_interval_s!r}")
+
 
 Refusal = tuple[NDArray[np.bool_], str]
 """Which messages cannot be used, and why."""
