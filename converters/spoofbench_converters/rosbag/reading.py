@@ -24,7 +24,7 @@ FETCHED_MESSAGES = 512
 
 # What is of another type than a bag's is not even read: text need not be text.
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics WHERE typeof(id) = 'integer' ORDER BY id"
-_MESSAGES = """SELECT CASE typeof(topic_id) WHEN 'integer' THEN topic_id END, CASE typeof(timestamp) WHEN 'integer' THEN timestamp END,
+_MESSAGES = """SELECT id, CASE typeof(topic_id) WHEN 'integer' THEN topic_id END, CASE typeof(timestamp) WHEN 'integer' THEN timestamp END,
     CASE WHEN topic_id IN ({wanted}) AND typeof(data) = 'blob' THEN data END FROM messages WHERE id > ? ORDER BY id"""
 
 _Row = tuple[Any, ...]
@@ -132,7 +132,7 @@ class Bag:
         while last is not None:
             rows = _Rows(self._database, query, last)
             filling = _Filling(wanted)
-            while fetched := rows.fetch():
+            while fetched := rows.fetch(FETCHED_MESSAGES):
                 filling.add(fetched, self.records)
                 self.records += len(fetched)
                 if filling.messages >= SLAB_MESSAGES:
@@ -142,7 +142,7 @@ class Bag:
                 yield filling.slab()
             if rows.failure is None:
                 return
-            reject, last = self._around(rows.failure, query, max(self._key(last, rows.count), 0))
+            reject, last = self._around(rows.failure, query, max(rows.last, 0))
             self.records += reject.length
             yield reject
 
@@ -160,15 +160,6 @@ class Bag:
         lost = (max(highest + 1, last + 2) if following is None else following) - last - 1
         return Reject(self.records, lost, reason), None if following is None else following - 1
 
-    def _key(self, after: int, count: int) -> int:
-        """Return the key of the last of so many messages."""
-        if not count:
-            return after
-        keys: list[Any] = self._database.execute(
-            "SELECT id FROM messages WHERE id > ? ORDER BY id LIMIT 1 OFFSET ?", (after, count - 1)
-        ).fetchall()
-        return int(keys[0][0])
-
     def _next_readable(self, query: str, bad: int, highest: int) -> int | None:
         """Return the first key after a bad one from which a message can be read."""
         furthest = min(max(highest, 1 << 40), LAST_KEY)
@@ -182,7 +173,7 @@ class Bag:
         while bad + 1 < good:
             middle = (bad + good) // 2
             found = self._first_from(query, middle)
-            if found is None:
+            if found is None or found > good:
                 bad = middle
             elif found == good:
                 return good
@@ -192,24 +183,20 @@ class Bag:
 
     def _first_from(self, query: str, key: int) -> int | None:
         """Return the key of the first message from a key on, None where it cannot be read or there is none."""
-        try:
-            if next(self._database.execute(query, (key - 1,)), None) is None:
-                return None
-            return self._key(key - 1, 1)
-        except apsw.Error:
-            return None
+        rows = _Rows(self._database, query, key - 1)
+        return rows.last if rows.fetch(1) else None
 
 
 class _Rows:
-    """Rows of a query up to its end or to the first that cannot be read.
+    """Rows of a query up to its end or to the first that cannot be read, or whose key is not above the last.
 
     Attributes:
-        count: how many rows were read.
+        last: key of the last row, at first the one after which the query starts.
         failure: why reading ended, None at the end.
     """
 
     def __init__(self, database: apsw.Connection, query: str, after: int) -> None:
-        self.count = 0
+        self.last = after
         self.failure: apsw.Error | None = None
         self._cursor: Iterator[_Row] = iter(())
         try:
@@ -217,15 +204,19 @@ class _Rows:
         except apsw.Error as error:
             self.failure = error
 
-    def fetch(self) -> list[_Row]:
+    def fetch(self, most: int) -> list[_Row]:
         """Return the next rows, none at the end."""
         rows: list[_Row] = []
         if self.failure is None:
             try:
-                rows.extend(islice(self._cursor, FETCHED_MESSAGES))  # what came before an error stays in the list
+                rows.extend(islice(self._cursor, most))  # what came before an error stays in the list
             except apsw.Error as error:
                 self.failure = error
-        self.count += len(rows)
+        for place, row in enumerate(rows):
+            if not isinstance(row[0], int) or row[0] <= self.last:
+                self.failure = apsw.CorruptError("keys are out of order")
+                return rows[:place]
+            self.last = row[0]
         return rows
 
 
@@ -253,7 +244,7 @@ class _Filling:
                 self._sort(list(compress(rows, good)), records[kept])
 
     def _sort(self, rows: list[_Row], records: NDArray[np.int64]) -> None:
-        numbers, stamps, payloads = zip(*rows, strict=True)
+        _, numbers, stamps, payloads = zip(*rows, strict=True)
         topics, stamps_ns = np.array(numbers), np.array(stamps)
         if topics.dtype != np.int64 or stamps_ns.dtype != np.int64:
             raise TypeError
@@ -272,7 +263,7 @@ class _Filling:
             self._parts[number].append(tuple(arrays))
 
     def _is_good(self, row: _Row) -> bool:
-        return isinstance(row[0], int) and isinstance(row[1], int) and (isinstance(row[2], bytes) or row[0] not in self._joined)
+        return isinstance(row[1], int) and isinstance(row[2], int) and (isinstance(row[3], bytes) or row[1] not in self._joined)
 
     def slab(self) -> Slab:
         """Return what was taken."""
