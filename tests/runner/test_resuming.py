@@ -21,10 +21,11 @@ PATIENCE_S = 60.0
 needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc")
 
 SCRIPT = """
-import pickle, sys
+import pickle, signal, sys
 from pathlib import Path
 from spoofbench.errors import ResultsError
 from spoofbench.runner import run
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it from the start
 try:
     run(pickle.loads(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]), workers=2)
 except ResultsError as error:
