@@ -5,7 +5,7 @@ Converters, attacks and detectors of any distribution, ours included, come in by
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
@@ -92,12 +92,12 @@ def make(group: Group, name: str, parameters: Mapping[str, Any] = MappingProxyTy
     """
     plugin = find(group, name)
     factory = plugin.load()
-    known = getattr(factory, "__dataclass_fields__", None)
-    if known is None:
+    if not (isinstance(factory, type) and is_dataclass(factory)):
         raise PluginError(f"{plugin} is not a dataclass, so it has no parameters")
+    own = sorted(field.name for field in fields(factory) if field.init)
     for parameter in parameters:
-        if parameter not in known:
-            raise PluginError(f"{plugin} has no parameter {parameter!r}; it has {sorted(known)}")
+        if parameter not in own:
+            raise PluginError(f"{plugin} has no parameter {parameter!r}; it has {own or 'none'}")
     try:
         return factory(**parameters)
     except Exception as error:  # a plugin may raise anything

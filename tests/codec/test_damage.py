@@ -307,3 +307,34 @@ def test_validation_finds_what_reading_may_overlook(small: tuple[Path, Recording
     begin = content.index(b"zstd") - 4 - 4 - 8 - 8 - 8
     with pytest.raises(FormatError, match="does not span"):
         validate(changed(content[begin : begin + 40], b"\x01" + content[begin + 1 : begin + 40]))
+
+
+def test_records_within_chunks_and_channels_are_limited(tmp_path: Path) -> None:
+    strange = (b"\x80" + bytes(8)) * 1000
+    path = mcap_file(tmp_path / "strange.mcap", *[chunk(strange, len(strange))] * 3)
+    with pytest.raises(LimitError, match="records where at most 2500 are allowed"):
+        read(path, Limits(records=2500))
+    channels = [replace(CHANNEL, id=number, topic=f"/m{number}/mag") for number in range(1, 20)]
+    path = mcap_file(tmp_path / "many.mcap", definitions=(MAG, *channels))
+    with pytest.raises(LimitError, match="19 channels where at most 10 are allowed"):
+        read(path, Limits(channels=10))
+
+
+def test_a_full_disk_is_one_sentence_and_leaves_nothing(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource", reason="needs POSIX limits")
+    signal = pytest.importorskip("signal")
+    table = Table("imu", np.arange(200_000), {"accel_x_mps2": np.random.default_rng(1).random(200_000)})
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+        with pytest.raises(SpoofbenchError, match="cannot be written"):
+            write(Recording({"/imu0/imu": table}), tmp_path / "full.mcap")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_is_no_place_for_a_file() -> None:
+    with pytest.raises(SpoofbenchError, match="name the file to write"):
+        Writer(Path())

@@ -48,7 +48,8 @@ class Limits:
         chunk_bytes: decompressed size of one chunk.
         total_bytes: decompressed size of all chunks.
         messages: in the whole file.
-        records: at the top level of the file, messages aside.
+        records: at the top level of the file and in chunks that no index describes, messages aside.
+        channels: in the whole file; each is a topic that is read by itself.
         text_bytes: all records but messages, chunks and indexes: schemas, channels, metadata, statistics.
     """
 
@@ -56,6 +57,7 @@ class Limits:
     total_bytes: int = 16 << 30
     messages: int = 200_000_000
     records: int = 2_000_000
+    channels: int = 4096
     text_bytes: int = 64 << 20
 
 

@@ -117,7 +117,9 @@ def survey(path: Path, limits: Limits) -> Survey:
     if is_whole:
         _check_summary(found, int(starts[-1]) if starts.size else 0)
     _check_limits(found, limits)
-    _survey_chunks(found, is_whole)
+    _survey_chunks(found, is_whole, limits)
+    if len(found.channels) > limits.channels:
+        raise LimitError(f"{str(found.path)!r} has {len(found.channels)} channels where at most {limits.channels} are allowed")
     return found
 
 
@@ -233,14 +235,18 @@ def _check_limits(found: Survey, limits: Limits) -> None:
         raise LimitError(f"{str(found.path)!r} declares {messages!r} messages where at most {limits.messages} are allowed")
 
 
-def _survey_chunks(found: Survey, is_whole: bool) -> None:
+def _survey_chunks(found: Survey, is_whole: bool, limits: Limits) -> None:
     """Unpack the chunks whose channels no index tells, for the channels in them."""
     is_indexed = is_whole and found.statistics is not None and found.statistics.channel_count == len(found.channels)
+    others = len(found.records)
     for section in found.sections:
         if isinstance(section, ChunkSection) and section.chunk.size:
             if is_indexed and section.indexes and section.channels <= found.channels.keys():
                 continue
             contents = chunk_contents(found.buffer, section.chunk)
+            others += contents.others.size
+            if others > limits.records:
+                raise LimitError(f"{str(found.path)!r} holds {others} records where at most {limits.records} are allowed")
             learn_definitions(found, contents)
             section.channels = set(np.unique(contents.messages.channels).tolist())
 

@@ -1,5 +1,6 @@
 """Tables to an MCAP file: chunks of about 1 MiB, compressed by a small pool of threads, written in order."""
 
+import contextlib
 import os
 from collections import defaultdict, deque
 from collections.abc import Sequence
@@ -59,6 +60,8 @@ class Writer:
 
     def __init__(self, path: Path, *, compression: Compression = "zstd", level: int = 3) -> None:
         self._path = Path(path)
+        if not self._path.name:
+            raise RecordingError(f"{str(path)!r} is a folder; name the file to write")
         self._temporary = self._path.with_name(f".{self._path.name}.{os.getpid()}.part")
         self._compress = Compress(compression, level)
         self._compression = "" if compression == "none" else compression
@@ -91,10 +94,13 @@ class Writer:
                 self._finish()
                 self._stream.close()
                 self._temporary.replace(self._path)
+        except OSError as failure:
+            raise RecordingError(f"{str(self._path)!r} cannot be written: {failure.strerror}") from failure
         finally:
             for pool in (self._in_order, self._pool):
                 pool.shutdown(cancel_futures=True)
-            self._stream.close()
+            with contextlib.suppress(OSError):  # what is buffered cannot be written either
+                self._stream.close()
             self._temporary.unlink(missing_ok=True)
 
     def add(self, topic: str, table: Table) -> None:
