@@ -104,3 +104,11 @@ def test_any_mishap_is_one_line_that_a_terminal_can_show(
 def test_plugins_are_listed_for_machines(tmp_path: Path) -> None:
     rows = json.loads(_spoofbench("plugins", "--json", cwd=tmp_path).stdout)
     assert {"kind": "attack", "name": "replay", "distribution": "spoofbench", "version": "0.1.0"} in rows
+
+
+def test_a_log_that_cannot_be_converted_does_not_stop_the_others(tmp_path: Path) -> None:
+    for name in ("a.txt", "b.txt"):
+        (tmp_path / name).write_text("this is not a log\n")
+    done = _spoofbench("convert", "a.txt", "b.txt", "-o", "out", cwd=tmp_path)
+    assert done.returncode == 1
+    assert [line.split(":")[1].strip() for line in done.stderr.splitlines()] == ["a.txt", "b.txt"]

@@ -57,20 +57,32 @@ def convert(
 ) -> None:
     """Convert raw logs and account for every part."""
     from spoofbench.converting import convert as convert_one
+    from spoofbench.errors import SpoofbenchError
     from spoofbench.report.text import printable
 
     targets = _targets(inputs, out)
     ledgers: dict[str, Any] = {}
+    failures: list[str] = []
     with _progress() as progress:
         for source, target in targets.items():
             step = progress(f"convert {source.name}")
-            ledger = convert_one(source, target, format=log_format, options=_texts(options), strict=strict, progress=step)
+            try:
+                ledger = convert_one(source, target, format=log_format, options=_texts(options), strict=strict, progress=step)
+            except SpoofbenchError as error:
+                if len(targets) == 1:
+                    raise
+                failures.append(f"{source}: {error}")
+                continue
             ledgers[str(target)] = ledger
     if as_json:
         _print_json({name: ledger.as_dict() for name, ledger in ledgers.items()})
     else:
         for name, ledger in ledgers.items():
             typer.echo("\n".join(map(printable, [name, *ledger.as_text().split("\n")])))
+    for failure in failures:
+        typer.echo(printable(f"spoofbench: {failure}"), err=True)
+    if failures:
+        raise typer.Exit(1)
 
 
 @app.command()
