@@ -210,11 +210,11 @@ def _cells(octets: NDArray[np.uint8], keys: _Integers, heads: _Integers, payload
     """Return messages whose records start at these places and have so many bytes: no key, two whole numbers, bytes."""
     topic_types, stamp_types = octets[heads + 2], octets[heads + 3]
     data_types, ends = _varints(octets, heads + 4)
-    if (octets[heads] != ends - heads).any() or octets[heads + 1].any() or (data_types < 12).any() or (data_types & 1).any():
+    if (octets[heads] != ends - heads).any() or octets[heads + 1].any() or (data_types & 1).any():
         raise Unusual
     topics, ends = _integers(octets, ends, topic_types)
     stamps_ns, starts = _integers(octets, ends, stamp_types)
-    lengths = (data_types - 12) // 2
+    lengths = (data_types - 12) // 2  # below 0 for what is neither text nor bytes
     if (starts + lengths != heads + payloads).any():
         raise Unusual
     return Cells(octets, keys, topics, stamps_ns, starts, lengths)
