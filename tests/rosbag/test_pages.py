@@ -270,7 +270,7 @@ def test_a_write_ahead_log_is_read(tmp_path: Path) -> None:
 
 def test_pages_past_the_end_that_the_header_says_are_damage(tmp_path: Path) -> None:
     path = tmp_path / "bag.db3"
-    make(path, Shape(512))
+    make(path, Shape(2048))
     octets = bytearray(path.read_bytes())
     octets[28:32] = (int.from_bytes(octets[28:32]) // 2).to_bytes(4)
     path.write_bytes(octets)
