@@ -2,7 +2,7 @@
 
 The bag is a part of the real drive, so that the peers' rounds stay short; both sides do the same part. It is
 in the page cache. Peers read a message at a time, as their interfaces have it, and keep the fields that we
-keep; to MCAP they write the same rows, zstd 3.
+keep; to MCAP they write the same rows, zstd 3. Our conversion to MCAP digests the bag and keeps its ledger besides.
 """
 
 import math
