@@ -33,6 +33,15 @@ def test_a_window_without_a_start_is_drawn_by_the_seed(tmp_path: Path) -> None:
     assert len({*starts_s}) == 3
 
 
+@pytest.mark.parametrize("delay_s", [119.5, 1e12, 1e300])
+def test_a_delay_beyond_the_recording_is_refused(delay_s: float, tmp_path: Path) -> None:
+    clean = tmp_path / "clean.mcap"
+    write(drive(0, 60.0, flaws=False), clean)
+    for start_s in (None, 30.0):
+        with pytest.raises(NotApplicable, match="of history that the attack needs"):
+            attack_file(clean, tmp_path / "variant.mcap", "replay", {"delay_s": delay_s}, start_s=start_s, duration_s=10.0)
+
+
 def test_a_window_beyond_the_recording_is_refused(tmp_path: Path) -> None:
     clean = tmp_path / "clean.mcap"
     write(drive(0, 120.0), clean)

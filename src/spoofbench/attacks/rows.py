@@ -92,10 +92,9 @@ def supply_from(clean: Recording, history_s: float) -> Interval:
         NotApplicable: it never has.
     """
     time_ns = clean.primary(PVT).time_ns if clean.topics(PVT) else np.empty(0, np.int64)
-    start_ns = int(time_ns[0]) + round(history_s * 1e9) if time_ns.size else 0
-    if not time_ns.size or start_ns > time_ns[-1]:
+    if not time_ns.size or history_s > (time_ns[-1] - time_ns[0]) / 1e9:
         raise NotApplicable(f"the primary {PVT!r} has less than the {history_s:.6g} s of history that the attack needs")
-    return Interval(start_ns, clean.span.end_ns)
+    return Interval(int(time_ns[0]) + round(history_s * 1e9), clean.span.end_ns)
 
 
 def require_at_least_0(name: str, value: float) -> None:
