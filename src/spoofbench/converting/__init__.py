@@ -1,9 +1,10 @@
 """Converting: a raw log in, a recording and a loss ledger out."""
 
-from spoofbench.converting.contract import Block, Converter, Extent, Facts, Item, Options, Reject, Source
+from spoofbench.converting.contract import Block, Converter, Extent, Facts, Item, Options, Reject, Rejects
 from spoofbench.converting.ledger import Ledger
 from spoofbench.converting.ordering import Columns, InOrder
 from spoofbench.converting.running import convert, recognise
+from spoofbench.converting.sources import Member, Source
 
 __all__ = [
     "Block",
@@ -14,8 +15,10 @@ __all__ = [
     "InOrder",
     "Item",
     "Ledger",
+    "Member",
     "Options",
     "Reject",
+    "Rejects",
     "Source",
     "convert",
     "recognise",

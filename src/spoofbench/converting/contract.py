@@ -5,18 +5,13 @@ A converter is a module (or object) behind an entry point of the group ``spoofbe
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.converting.sources import Source
 from spoofbench.recording import Table
-
-
-@dataclass(frozen=True, slots=True)
-class Source:
-    """What is to be converted: a file, a folder or an archive, and the first bytes of it where it is a file."""
-
-    path: Path
-    head: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +35,15 @@ class Reject:
     reason: str
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Rejects:
+    """Many rejects of one reason: ``offsets`` and ``lengths``, int64 ``(n,)``."""
+
+    offsets: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    reason: str
+
+
 @dataclass(frozen=True, slots=True)
 class Extent:
     """How many units the source holds, as far as the converter knows beforehand: for progress alone."""
@@ -54,7 +58,7 @@ class Facts:
     metadata: Mapping[str, Mapping[str, str]]
 
 
-Item = Block | Reject | Facts | Extent
+Item = Block | Reject | Rejects | Facts | Extent
 
 
 class Options(Protocol):

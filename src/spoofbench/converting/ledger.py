@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Self
 
-from spoofbench.converting.contract import Block, Reject
+import numpy as np
+
+from spoofbench.converting.contract import Block, Reject, Rejects
 
 DETAILED_REJECTS = 10_000
 
@@ -34,16 +36,22 @@ class Ledger:
         """Units that gave no rows."""
         return self.reasons.total()
 
-    def enter(self, item: Block | Reject) -> None:
+    def enter(self, item: Block | Reject | Rejects) -> None:
         """Account for one part of the source."""
         if isinstance(item, Block):
             self.used += item.used
             if len(item.table):
                 self.rows[item.topic] += len(item.table)
             return
-        self.reasons[item.reason] += item.length
-        if len(self.rejects) < DETAILED_REJECTS:
-            self.rejects.append(item)
+        many = item if isinstance(item, Rejects) else Rejects(np.array([item.offset]), np.array([item.length]), item.reason)
+        if many.offsets.size:
+            self.reasons[many.reason] += int(many.lengths.sum())
+        room = DETAILED_REJECTS - len(self.rejects)
+        if room > 0:
+            self.rejects += [
+                Reject(offset, length, many.reason)
+                for offset, length in zip(many.offsets[:room].tolist(), many.lengths[:room].tolist(), strict=True)
+            ]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the ledger for machines."""

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from spoofbench import plugins
-from spoofbench.converting.contract import Block, Converter, Extent, Facts, Item, Reject, Source
+from spoofbench.converting.contract import Block, Converter, Extent, Facts, Item, Reject, Rejects
 from spoofbench.converting.ledger import Ledger
 from spoofbench.converting.options import make_options
+from spoofbench.converting.sources import Source
 from spoofbench.errors import ConversionError, PluginError, SpoofbenchError
 from spoofbench.plugins import Plugin
 from spoofbench.schema import SCHEMA_VERSION, split_topic
 
-HEAD_BYTES = 65_536
 BACKWARDS = "time runs backwards"
 
 _Metadata = dict[str, dict[str, str]]
@@ -50,7 +50,7 @@ def convert(
     """
     from spoofbench.codec import Writer
 
-    log = _open(source)
+    log = Source.of(source)
     if out.resolve().is_relative_to(source.resolve()):
         raise ConversionError(f"the output {str(out)!r} would change the log {str(source)!r}; choose another place")
     plugin, converter = (plugins.find(plugins.CONVERTERS, format), None) if format else recognise(log)
@@ -113,7 +113,7 @@ class _Run:
             elif isinstance(item, Facts):
                 for name, record in item.metadata.items():
                     self._facts.setdefault(name, {}).update(record)
-            elif isinstance(item, Reject):
+            elif isinstance(item, Reject | Rejects):
                 self._reject(item)
             else:
                 block = self._forwards(item)
@@ -123,10 +123,13 @@ class _Run:
             if progress and extent:
                 progress(min((self.ledger.used + self.ledger.skipped) / extent, 1.0))
 
-    def _reject(self, reject: Reject) -> None:
+    def _reject(self, reject: Reject | Rejects) -> None:
+        if isinstance(reject, Rejects) and not reject.offsets.size:
+            return
         if self._strict:
+            offset, length = (reject.offset, reject.length) if isinstance(reject, Reject) else (reject.offsets[0], reject.lengths[0])
             raise ConversionError(
-                f"{reject.reason} (at {self.ledger.unit[:-1]} {reject.offset}, {reject.length} {self.ledger.unit}); "
+                f"{reject.reason} (at {self.ledger.unit[:-1]} {offset}, {length} {self.ledger.unit}); "
                 "convert without --strict to skip what cannot be used"
             )
         self.ledger.enter(reject)
@@ -177,16 +180,6 @@ def _items(plugin: Plugin, converter: Converter, log: Source, options: Any) -> I
         if not isinstance(item, Item):
             raise PluginError(f"{plugin} must yield blocks, rejects, facts or an extent, not {type(item).__name__}")
         yield item
-
-
-def _open(source: Path) -> Source:
-    try:
-        if source.is_dir():
-            return Source(source, b"")
-        with source.open("rb") as file:
-            return Source(source, file.read(HEAD_BYTES))
-    except OSError as error:
-        raise ConversionError(f"{str(source)!r} cannot be read: {error.strerror}") from error
 
 
 def _made_by(plugin: Plugin, converter: Converter, options: Any) -> dict[str, str]:

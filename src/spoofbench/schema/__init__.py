@@ -79,6 +79,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             "gnss/rf": gnss_pb2.Rf.DESCRIPTOR,
             "gnss/navdata": gnss_pb2.NavData.DESCRIPTOR,
             "gnss/integrity": gnss_pb2.Integrity.DESCRIPTOR,
+            "gnss/timemark": gnss_pb2.TimeMark.DESCRIPTOR,
             "ins/pva": ins_pb2.Pva.DESCRIPTOR,
             "mag": aiding_pb2.Mag.DESCRIPTOR,
             "baro": aiding_pb2.Baro.DESCRIPTOR,

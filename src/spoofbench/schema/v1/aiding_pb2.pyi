@@ -27,11 +27,15 @@ class Baro(_message.Message):
     def __init__(self, pressure_pa: _Optional[float] = ..., temperature_degc: _Optional[float] = ..., receive_time_ns: _Optional[int] = ...) -> None: ...
 
 class Odometer(_message.Message):
-    __slots__ = ("speed_mps", "distance_m", "receive_time_ns")
+    __slots__ = ("speed_mps", "distance_m", "ticks", "wheel", "receive_time_ns")
     SPEED_MPS_FIELD_NUMBER: _ClassVar[int]
     DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    TICKS_FIELD_NUMBER: _ClassVar[int]
+    WHEEL_FIELD_NUMBER: _ClassVar[int]
     RECEIVE_TIME_NS_FIELD_NUMBER: _ClassVar[int]
     speed_mps: float
     distance_m: float
+    ticks: int
+    wheel: str
     receive_time_ns: int
-    def __init__(self, speed_mps: _Optional[float] = ..., distance_m: _Optional[float] = ..., receive_time_ns: _Optional[int] = ...) -> None: ...
+    def __init__(self, speed_mps: _Optional[float] = ..., distance_m: _Optional[float] = ..., ticks: _Optional[int] = ..., wheel: _Optional[str] = ..., receive_time_ns: _Optional[int] = ...) -> None: ...
