@@ -1,5 +1,6 @@
 """The command line: words in, functions called, errors as one sentence. Heavy imports wait until a command runs."""
 
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -49,39 +50,44 @@ def demo(
 @app.command()
 def convert(
     inputs: Annotated[list[Path], typer.Argument(metavar="IN...", help="Raw logs: files, folders or archives.")],
-    out: Annotated[Path, typer.Option("-o", help="A file for one input, a folder for several.")],
+    out: Annotated[Path, typer.Option("-o", help="A file for one log, a folder for several.")],
     log_format: Annotated[Optional[str], typer.Option("--format", help="Converter to use; else found by content.")] = None,  # noqa: UP045
+    date: Annotated[Optional[str], typer.Option(metavar="YYYY-MM-DD", help="Date of a log that does not say it.")] = None,  # noqa: UP045
+    source: Annotated[Optional[str], typer.Option(help="The one receiver, provider or talker to take.")] = None,  # noqa: UP045
+    append_clock: Annotated[bool, typer.Option("--append-clock", help="Go on where a clock jumps back.")] = False,
+    mapping: Annotated[Optional[str], typer.Option(metavar="FILE|NAME", help="Mapping of a table's columns.")] = None,  # noqa: UP045
     options: Parameters = None,
     strict: Annotated[bool, typer.Option("--strict", help="Fail at anything that must be skipped.")] = False,
+    workers: Annotated[Optional[int], typer.Option(min=1, help="Logs at a time; else one per processor.")] = None,  # noqa: UP045
     as_json: AsJson = False,
 ) -> None:
     """Convert raw logs and account for every part."""
-    from spoofbench.converting import convert as convert_one
-    from spoofbench.errors import SpoofbenchError
-    from spoofbench.report.text import printable
+    from spoofbench.converting.many import Request, convert_job, convert_many
+    from spoofbench.converting.planning import plan
+    from spoofbench.converting.telling import as_rows, as_table
 
-    targets = _targets(inputs, out)
-    ledgers: dict[str, Any] = {}
-    failures: list[str] = []
+    named = {"date": date, "source": source, "append_clock": "true" if append_clock else None, "mapping": mapping}
+    wishes = {name: text for name, text in named.items() if text is not None}
+    jobs = plan(inputs, out, log_format)
     with _progress() as progress:
-        for source, target in targets.items():
-            step = progress(f"convert {source.name}")
-            try:
-                ledger = convert_one(source, target, format=log_format, options=_texts(options), strict=strict, progress=step)
-            except SpoofbenchError as error:
-                if len(targets) == 1:
-                    raise
-                failures.append(f"{source}: {error}")
-                continue
-            ledgers[str(target)] = ledger
+        if len(jobs) == 1 and not jobs[0].walked:
+            request = Request(log_format, {**wishes, **_texts(options)}, {}, strict)
+            outcomes = [convert_job(jobs[0], request, progress(f"convert {jobs[0].source.name}"))]
+        else:
+            request = Request(log_format, _texts(options), wishes, strict)
+            made = convert_many(jobs, request, workers=workers, progress=progress(f"convert {len(jobs)} logs"))
+            outcomes = sorted(made, key=lambda outcome: jobs.index(outcome.job))
+    ledger = outcomes[0].ledger
     if as_json:
-        _print_json({name: ledger.as_dict() for name, ledger in ledgers.items()})
-    else:
-        for name, ledger in ledgers.items():
-            typer.echo("\n".join(map(printable, [name, *ledger.as_text().split("\n")])))
-    for failure in failures:
-        typer.echo(printable(f"spoofbench: {failure}"), err=True)
-    if failures:
+        _print_json(as_rows(outcomes))
+    elif len(outcomes) > 1:
+        _print_lines(as_table(outcomes))
+    elif ledger:
+        _print_lines([str(outcomes[0].job.target), *ledger.as_text().split("\n")])
+    failed = [outcome for outcome in outcomes if outcome.status == "failed" or (outcome.ledger is None and not outcome.job.walked)]
+    for outcome in failed:
+        _complain(f"{outcome.job.source}: {outcome.reason}" if len(outcomes) > 1 else str(outcome.reason))
+    if failed or not any(outcome.ledger for outcome in outcomes):
         raise typer.Exit(1)
 
 
@@ -208,6 +214,8 @@ def main() -> None:
     """Run the command line; what a user can cause ends in one sentence and exit code 1."""
     from spoofbench.errors import SpoofbenchError
 
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda number, _: sys.exit(128 + number))  # what is under way is tidied up on the way out
     try:
         app()
     except SpoofbenchError as error:
@@ -219,10 +227,21 @@ def main() -> None:
 
 
 def _fail(reason: str) -> NoReturn:
+    _complain(reason)
+    sys.exit(1)
+
+
+def _complain(reason: str) -> None:
     from spoofbench.report.text import printable
 
     typer.echo(f"spoofbench: {printable(' '.join(reason.split()))}", err=True)
-    sys.exit(1)
+
+
+def _print_lines(lines: list[str]) -> None:
+    from spoofbench.report.text import printable
+
+    for line in lines:
+        typer.echo(printable(line))
 
 
 def _leaderboard(results: Path) -> None:
@@ -231,19 +250,6 @@ def _leaderboard(results: Path) -> None:
     from spoofbench.report import print_leaderboard
 
     print_leaderboard(results, Console())
-
-
-def _targets(inputs: list[Path], out: Path) -> dict[Path, Path]:
-    if len(inputs) == 1 and not out.is_dir():
-        return {inputs[0]: out}
-    targets: dict[Path, Path] = {}
-    for source in inputs:
-        target = out / f"{source.stem if source.is_file() else source.name}.mcap"
-        if target in targets.values():
-            raise typer.BadParameter(f"two inputs would both become {str(target)!r}; convert them into different folders")
-        targets[source] = target
-    out.mkdir(parents=True, exist_ok=True)
-    return targets
 
 
 def _texts(pairs: list[str] | None) -> dict[str, str]:

@@ -45,14 +45,14 @@ def install(monkeypatch: pytest.MonkeyPatch) -> Install:
     found: dict[str, FakePlugin] = {}
     monkeypatch.setattr(plugins, "found", lambda group: found)
 
-    def add(name: str, items: Any, sniff: float | Exception = 1.0, unit: str = "bytes") -> None:
+    def add(name: str, items: Any, sniff: float | Exception | Callable[[Source], float] = 1.0, unit: str = "records") -> None:
         def convert(source: Source, options: Any) -> Iterator[Item]:
             yield from (items(source, options) if callable(items) else items)
 
         def judge(source: Source) -> float:
             if isinstance(sniff, Exception):
                 raise sniff
-            return sniff
+            return sniff(source) if callable(sniff) else sniff
 
         found[name] = FakePlugin(name, SimpleNamespace(VERSION="7", UNIT=unit, Options=Options, sniff=judge, convert=convert))
 

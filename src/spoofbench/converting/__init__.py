@@ -3,7 +3,7 @@
 from spoofbench.converting.contract import Block, Converter, Extent, Facts, Item, Options, Reject, Rejects
 from spoofbench.converting.ledger import Ledger
 from spoofbench.converting.ordering import Columns, InOrder
-from spoofbench.converting.running import convert, recognise
+from spoofbench.converting.running import NotRecognised, convert, recognise
 from spoofbench.converting.sources import Member, Source
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "Item",
     "Ledger",
     "Member",
+    "NotRecognised",
     "Options",
     "Reject",
     "Rejects",

@@ -53,6 +53,12 @@ class Ledger:
                 for offset, length in zip(many.offsets[:room].tolist(), many.lengths[:room].tolist(), strict=True)
             ]
 
+    @property
+    def skipped_share(self) -> float | None:
+        """Share of all units that gave no rows; None where there were none."""
+        units = self.used + self.skipped
+        return self.skipped / units if units else None
+
     def as_dict(self) -> dict[str, Any]:
         """Return the ledger for machines."""
         return {

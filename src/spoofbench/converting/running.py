@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
@@ -21,6 +21,7 @@ from spoofbench.plugins import Plugin
 from spoofbench.schema import SCHEMA_VERSION, split_topic
 
 BACKWARDS = "time runs backwards"
+PACKING_DAMAGED = "the packing is damaged: what follows could not be unpacked"
 
 _Metadata = dict[str, dict[str, str]]
 
@@ -46,7 +47,7 @@ def convert(
 
     Raises:
         ConversionError: the log is not recognised, cannot be read or holds nothing; or ``strict`` and something was skipped.
-        PluginError: the converter cannot be loaded or breaks its contract.
+        PluginError: the converter cannot be loaded or breaks its contract; one that counts bytes must account for each.
     """
     from spoofbench.codec import Writer
 
@@ -56,12 +57,14 @@ def convert(
     plugin, converter = (plugins.find(plugins.CONVERTERS, format), None) if format else recognise(log)
     converter = converter or plugin.load()
     chosen = make_options(converter.Options, options, plugin.name)
+    log = log.afresh()
     with ThreadPoolExecutor(1) as pool:
         digest = pool.submit(_digest, source)
         run = _Run(Ledger(converter.UNIT), strict)
         with Writer(out) as writer:
             for block in run.blocks(_items(plugin, converter, log, chosen), progress):
                 writer.add(block.topic, block.table)
+            run.close(plugin, log)
             if not run.ledger.rows:
                 raise ConversionError(f"{source.name!r} gave no rows: {_why(run.ledger)}")
             origin = {"file": source.name, **_digested(digest), **_made_by(plugin, converter, chosen)}
@@ -75,7 +78,7 @@ def recognise(log: Source) -> tuple[Plugin, Converter]:
     """Return the converter that is surest that a log is its own.
 
     Raises:
-        ConversionError: none claims it, or two claim it alike.
+        NotRecognised: none claims it; ConversionError: two claim it alike.
     """
     claims: list[tuple[float, Plugin, Converter]] = []
     broken: list[str] = []
@@ -84,15 +87,23 @@ def recognise(log: Source) -> tuple[Plugin, Converter]:
             converter: Converter = plugin.load()
             claims.append((float(converter.sniff(log)), plugin, converter))
         except Exception as error:  # noqa: BLE001 - a plugin may raise anything
-            broken.append(f"{plugin} failed: {error}")
+            broken.append(str(error) if isinstance(error, PluginError) else f"{plugin} failed: {error}")
     claims.sort(key=lambda claim: -claim[0])
     if not claims or claims[0][0] <= 0:
         tried = sorted(plugin.name for _, plugin, _ in claims)
-        raise ConversionError("; ".join([f"no converter recognises {log.path.name!r}; tried {tried or 'none'}", *broken]))
+        raise NotRecognised(f"no converter recognises {log.path.name!r}; tried {tried or 'none'}", broken)
     if len(claims) > 1 and claims[1][0] == claims[0][0]:
         names = sorted(plugin.name for score, plugin, _ in claims if score == claims[0][0])
         raise ConversionError(f"{log.path.name!r} may be of any of the formats {names}; say which with --format")
     return claims[0][1], claims[0][2]
+
+
+class NotRecognised(ConversionError):
+    """No converter claims a log; ``broken`` says which could not be asked, and why."""
+
+    def __init__(self, sentence: str, broken: Sequence[str]) -> None:
+        super().__init__("; ".join([sentence, *broken]))
+        self.broken = tuple(broken)
 
 
 class _Run:
@@ -146,6 +157,21 @@ class _Run:
         lost = round(block.used * behind / times.size)
         self._reject(Reject(self.ledger.used + self.ledger.skipped, lost, f"{BACKWARDS} in {block.topic}"))
         return Block(block.topic, block.table.take(slice(behind, None)), block.used - lost)
+
+    def close(self, plugin: Plugin, log: Source) -> None:
+        """Enter where packed files end early, and hold a converter that counts bytes to the size of its source.
+
+        Raises:
+            PluginError: it accounted for more or for less.
+        """
+        for name in sorted(log.tally.damage):
+            self._reject(Reject(log.tally.ended[name], 0, PACKING_DAMAGED))
+        counted = self.ledger.used + self.ledger.skipped
+        if self.ledger.unit == "bytes" and counted != log.size():
+            raise PluginError(
+                f"{plugin} accounts for {counted:,} bytes of {log.path.name!r}, which has {log.size():,}; "
+                f"report it to the authors of {plugin.distribution!r}"
+            )
 
     def metadata(self, origin: Mapping[str, str]) -> _Metadata:
         """Return all metadata records of the recording."""
