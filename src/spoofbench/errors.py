@@ -35,3 +35,7 @@ class SuiteError(SpoofbenchError):
 
 class ResultsError(SpoofbenchError):
     """A results folder cannot be written, resumed or read."""
+
+
+class ScenarioError(SpoofbenchError):
+    """A scenario of an integrity evaluation is incomplete or makes no sense."""
