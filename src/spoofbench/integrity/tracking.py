@@ -120,8 +120,8 @@ def log_general_chi2(threshold: float, weights: Array, degrees: Array, shifts: A
     """Return ln Pr(sum_j w_j chi2(degrees_j, shifts_cj) < threshold), ``(c,)``; weights and degrees ``(j,)``, shifts ``(c, j)``.
 
     The contour of the inversion integral runs through the saddle point of K(t) - t threshold, K being the
-    cumulant function; the trapezoidal rule converges exponentially along it: to 1e-6 with ten degrees of
-    freedom, to 1e-11 with hundreds.
+    cumulant function; the trapezoidal rule converges exponentially along it: to 1e-11 with hundreds of
+    degrees of freedom; with ten, to 1e-6, and to 1e-3 where a miss is nearly certain.
     """
     saddle, curvature = _saddle(threshold, weights, degrees, shifts)
     even = np.linspace(-_CONTOUR_REACH, _CONTOUR_REACH, _CONTOUR_POINTS)
