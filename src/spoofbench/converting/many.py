@@ -100,7 +100,7 @@ def convert_many(
             while waiting and len(running) < most:
                 number = waiting.popleft()
                 ours, theirs = context.Pipe(duplex=False)
-                process = context.Process(target=_work, args=(theirs, jobs[number], request))
+                process: BaseProcess = context.Process(target=_work, args=(theirs, jobs[number], request))
                 process.start()
                 theirs.close()
                 running[ours] = number, process
