@@ -72,7 +72,7 @@ _answer(sys.argv.pop(), module, file, payload)
 
 
 def _answer(place: str, module: str, file: str | None, payload: bytes) -> None:
-    _import(module, file)
+    import_module(module, file)
     detector, recordings = pickle.loads(payload)
     reached = _watch(module)
     decisions = tuple(decide_if_possible(detector, recording) for recording in recordings)
@@ -80,7 +80,7 @@ def _answer(place: str, module: str, file: str | None, payload: bytes) -> None:
     Path(place).write_bytes(answer)
 
 
-def _import(name: str, file: str | None) -> ModuleType:
+def import_module(name: str, file: str | None) -> ModuleType:
     """Import the detector's module, from its file where it is on no path, as a test's module may be."""
     try:
         return importlib.import_module(name)
