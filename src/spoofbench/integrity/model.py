@@ -60,8 +60,8 @@ def linear_model(scenario: Scenario) -> LinearModel:
     for part, deviation, time_s, shape in (
         (ACCEL_BIAS, imu.accel_bias_mps2, imu.accel_bias_s, np.eye(3)),
         (GYRO_BIAS, imu.gyro_bias_radps, imu.gyro_bias_s, np.eye(3)),
-        (code, gnss.code_multipath_m, gnss.multipath_s, together),
-        (carrier, gnss.carrier_multipath_m, gnss.multipath_s, together),
+        (code, gnss.code_multipath_m, gnss.code_multipath_s, together),
+        (carrier, gnss.carrier_multipath_m, gnss.carrier_multipath_s, together),
     ):
         dynamics[part, part] = -np.eye(len(shape)) / time_s
         driving[part, part] = 2 * deviation**2 / time_s * shape

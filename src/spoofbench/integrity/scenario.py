@@ -39,13 +39,20 @@ class ImuErrors:
 
 @dataclass(frozen=True, slots=True)
 class GnssErrors:
-    """Errors of undifferenced ranges: white noise per epoch, and first-order Gauss-Markov multipath with its steady-state deviation."""
+    """Errors of undifferenced ranges: white noise per epoch, and first-order Gauss-Markov multipath.
+
+    Attributes:
+        code_noise_m, carrier_noise_m: standard deviations of one epoch.
+        code_multipath_m, carrier_multipath_m: steady-state standard deviations.
+        code_multipath_s, carrier_multipath_s: time constants.
+    """
 
     code_noise_m: float
     carrier_noise_m: float
     code_multipath_m: float
     carrier_multipath_m: float
-    multipath_s: float
+    code_multipath_s: float
+    carrier_multipath_s: float
 
 
 @dataclass(frozen=True, slots=True)
