@@ -1,6 +1,6 @@
 """Plugins: found without import, loaded when used, blamed by name.
 
-Converters, attacks and detectors of any distribution, ours included, come in by the same entry-point groups.
+Converters, attacks, detectors and reproductions of any distribution, ours included, come in by the same entry-point groups.
 """
 
 import difflib
@@ -13,14 +13,15 @@ from typing import Any, Literal
 
 from spoofbench.errors import PluginError
 
-Group = Literal["spoofbench.converters", "spoofbench.attacks", "spoofbench.detectors"]
+Group = Literal["spoofbench.converters", "spoofbench.attacks", "spoofbench.detectors", "spoofbench.reproductions"]
 CONVERTERS: Group = "spoofbench.converters"
 ATTACKS: Group = "spoofbench.attacks"
 DETECTORS: Group = "spoofbench.detectors"
+REPRODUCTIONS: Group = "spoofbench.reproductions"
 
 
 def role(group: Group) -> str:
-    """Return what a plugin of the group is: ``converter``, ``attack`` or ``detector``."""
+    """Return what a plugin of the group is: ``converter``, ``attack``, ``detector`` or ``reproduction``."""
     return group.removeprefix("spoofbench.").removesuffix("s")
 
 

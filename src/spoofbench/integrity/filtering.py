@@ -31,6 +31,10 @@ class Run:
     def __len__(self) -> int:
         return len(self.gain)
 
+    def until(self, epochs: int) -> "Run":
+        """Return the run over its first epochs alone."""
+        return Run(self.model, self.start, self.predicted[:epochs], self.updated[:epochs], self.gain[:epochs], self.innovation[:epochs])
+
 
 def warmed_up(model: LinearModel, epochs: int) -> Array:
     """Return the covariance after so many epochs from the model's initial one, ``(s, s)``."""

@@ -1,0 +1,1 @@
+"""The innovation monitor of an INS/GNSS filter (Tanil et al. 2018), and the evaluation of it in two papers."""

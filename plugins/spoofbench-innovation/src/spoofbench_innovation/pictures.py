@@ -1,0 +1,93 @@
+"""The pictures of the reproductions."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from spoofbench.integrity import Scenario
+from spoofbench.reproducing import new_figure, save_figure
+
+Table = Mapping[str, Sequence[Any]]
+
+
+def failure_mode(path: Path, worst: Mapping[str, float], scenario: Scenario) -> None:
+    """Draw the slope in the plane of lambda and mu, and contours of the joint density about the worst-case fault (Fig 3)."""
+    figure, axes = new_figure(6.4, 4.8)
+    degrees = scenario.epochs() * scenario.measurements
+    root = np.linspace(48, 68, 300)
+    error = np.linspace(8, 11.5, 200)
+    density = stats.ncx2.logpdf(root**2, degrees, worst["lambda"] ** 2) + np.log(2 * root)
+    joint = density[None, :] + stats.norm.logpdf(error[:, None], worst["mu_m"], worst["sigma_eps_m"])
+    axes.contour(root, error, (joint - joint.max()) / np.log(10), levels=np.arange(-8, 0), colors="k", linewidths=0.6)
+    axes.axvline(worst["threshold"], color="#a32020", ls="--", label="threshold T")
+    axes.axhline(scenario.alert_limit_m, color="#3b6fb6", ls="--", label="alert limit")
+    axes.set_xlabel("square root of the test statistic q")
+    axes.set_ylabel("vertical error, m")
+    inset = axes.inset_axes((0.06, 0.06, 0.36, 0.36))
+    line = np.linspace(0, 35, 2)
+    inset.plot(line, worst["rho_m"] * line)
+    inset.plot(worst["lambda"], worst["mu_m"], "k+", ms=9)
+    inset.set_xlabel("lambda", fontsize=7, labelpad=1)
+    inset.set_ylabel("mu, m", fontsize=7, labelpad=1)
+    inset.tick_params(labelsize=7)
+    axes.legend(loc="upper right")
+    save_figure(figure, path)
+
+
+def curves(path: Path, table: Table, along: tuple[str, str], by: tuple[str, str]) -> None:
+    """Draw log10 of the risk, one panel per scenario, one line per value of ``by``."""
+    scenarios = sorted(set(table["scenario"]))
+    figure, axes = new_figure(9.0, 4.0, columns=len(scenarios))
+    for panel, scenario in zip(np.atleast_1d(axes), scenarios, strict=True):
+        for value in sorted(set(table[by[0]])):
+            rows = [i for i, s in enumerate(table["scenario"]) if s == scenario and table[by[0]][i] == value]
+            rows.sort(key=lambda i: table[along[0]][i])
+            panel.plot(
+                [table[along[0]][i] for i in rows], [table["log10_integrity_risk"][i] for i in rows], marker=".", label=f"{value:g} {by[1]}"
+            )
+        panel.axhline(-9, color="k", lw=0.6, ls=":")
+        panel.set_title(f"scenario {scenario}", fontsize=10)
+        panel.set_xlabel(along[1])
+        panel.set_ylabel("log10 integrity risk")
+        panel.legend(fontsize=7)
+    save_figure(figure, path)
+
+
+def mirrored(path: Path, altitudes: Mapping[int, tuple[NDArray[np.float64], NDArray[np.float64]]], rate_hz: float) -> None:
+    """Draw altitude and its estimate's error, one panel per attack period (Fig 5)."""
+    figure, axes = new_figure(9.0, 3.4, columns=len(altitudes))
+    for panel, (period, (state, error)) in zip(np.atleast_1d(axes), altitudes.items(), strict=True):
+        time = np.arange(state.size) / rate_hz
+        panel.plot(time, state, label="altitude")
+        panel.plot(time, error, label="error of its estimate")
+        panel.set_title(f"{period} s", fontsize=10)
+        panel.set_xlabel("time, s")
+        panel.set_ylabel("m")
+        panel.legend(fontsize=7)
+    save_figure(figure, path)
+
+
+def samples(path: Path, table: Table) -> None:
+    """Draw how far the sampled risk is from the exact one over the tracking error (Fig 6, Eq 61)."""
+    figure, axes = new_figure(6.0, 3.6)
+    risk = {
+        (s, m, sigma): value
+        for s, m, sigma, period, value in zip(
+            *(table[name] for name in ("scenario", "method", "sigma_mm", "period_s", "log10_integrity_risk")), strict=True
+        )
+        if period == 140
+    }
+    for scenario in sorted({key[0] for key in risk}):
+        for method in sorted({key[1] for key in risk} - {"exact"}):
+            sigmas = sorted({key[2] for key in risk})
+            gap = [risk[scenario, method, sigma] - risk[scenario, "exact", sigma] for sigma in sigmas]
+            axes.plot(sigmas, gap, marker=".", label=f"{scenario}, {method.removeprefix('samples-')} samples")
+    axes.axhline(0, color="k", lw=0.6)
+    axes.set_xlabel("altitude tracking error (1 sigma), mm")
+    axes.set_ylabel("decades, sampled minus exact")
+    axes.legend(fontsize=8)
+    save_figure(figure, path)

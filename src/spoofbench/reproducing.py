@@ -1,0 +1,166 @@
+"""Papers' tables and figures beside ours: what a reproduction gives, and how it is written down.
+
+A reproduction is a module (or object) behind an entry point of the group ``spoofbench.reproductions``. It writes its
+numbers as Parquet and its pictures into a folder, and returns cells: one printed value each, ours beside it, and a verdict.
+"""
+
+import base64
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+from spoofbench.results import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Verdict = Literal["matches", "matches after calibration", "trend only", "not reproduced"]
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One thing that a paper prints.
+
+    Attributes:
+        item: where the paper prints it, and what it is.
+        printed: its value, None where the paper shows a trend alone.
+        ours: our value; ``lo`` and ``hi`` its interval over seeds, None where nothing is random.
+        verdict: ``matches`` with nothing tuned; ``matches after calibration`` where something that the paper does not say
+            was chosen so that it does; ``trend only``; ``not reproduced``.
+        reason: what the verdict rests on, in a sentence.
+    """
+
+    item: str
+    printed: float | str | None
+    ours: float | str | None
+    lo: float | None
+    hi: float | None
+    verdict: Verdict
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture in the folder, ``<name>.png`` and ``<name>.svg``, and what it shows."""
+
+    name: str
+    caption: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reproduced:
+    """What a reproduction found."""
+
+    cells: Sequence[Cell]
+    pictures: Sequence[Picture]
+    notes: Sequence[str]
+
+
+class Reproduction(Protocol):
+    """Reproduces one paper.
+
+    Attributes:
+        TITLE: what is reproduced, for a heading.
+        PAPER: authors, title, where and when.
+    """
+
+    TITLE: str
+    PAPER: str
+
+    def reproduce(self, out: Path, data: Path | None, quick: bool, progress: Progress) -> Reproduced:
+        """Write Parquet files and pictures into ``out``.
+
+        Args:
+            out: folder, which exists.
+            data: folder of further logs, where there is one; what needs an absent log is left out and noted.
+            quick: a short form with fewer seeds, for tests.
+            progress: is told the share that is done, 0 to 1.
+        """
+        ...
+
+
+def save_figure(figure: "Figure", path: Path) -> None:
+    """Write a figure as PNG and SVG, equal bytes for equal figures; ``path`` is without suffix."""
+    import matplotlib as mpl
+
+    with mpl.rc_context({"svg.hashsalt": path.name, "svg.fonttype": "path"}):
+        figure.savefig(path.with_suffix(".png"), dpi=110, metadata={"Software": None})
+        figure.savefig(path.with_suffix(".svg"), metadata={"Date": None, "Creator": None})
+
+
+def new_figure(width_in: float = 7.0, height_in: float = 4.2, columns: int = 1, rows: int = 1) -> tuple["Figure", Any]:
+    """Return a figure that needs no screen, and its axes as matplotlib's ``subplots`` gives them."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns)
+
+
+def save_table(columns: Mapping[str, Sequence[Any]], path: Path) -> None:
+    """Write columns of equal length as a Parquet file."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    write_whole(path, partial(parquet.write_table, pa.table(dict(columns))))
+
+
+def write_pages(out: Path, reproduction: Reproduction, found: Reproduced) -> Path:
+    """Write ``verdicts.json``, ``README.md`` and ``index.html`` beside the pictures; return the page's path."""
+    verdicts = json.dumps([asdict(cell) for cell in found.cells], indent=1, allow_nan=False) + "\n"
+    texts = {"verdicts.json": verdicts, "README.md": as_markdown(reproduction, found), "index.html": _page(out, reproduction, found)}
+    for name, text in texts.items():
+        write_whole(out / name, partial(Path.write_text, data=text, encoding="utf-8", newline="\n"))
+    return out / "index.html"
+
+
+def as_markdown(reproduction: Reproduction, found: Reproduced) -> str:
+    """Return the cells, notes and pictures as Markdown."""
+    lines = [
+        f"# {reproduction.TITLE}",
+        "",
+        reproduction.PAPER,
+        "",
+        "| printed | ours | interval | verdict | item, and why |",
+        "|---|---|---|---|---|",
+    ]
+    for cell in found.cells:
+        text = f"**{cell.item}**: {cell.reason}".replace("|", "\\|")
+        lines.append(f"| {shown(cell.printed)} | {shown(cell.ours)} | {_interval(cell)} | {cell.verdict} | {text} |")
+    lines += ["", *(f"- {note}" for note in found.notes)]
+    for picture in found.pictures:
+        lines += ["", f"![{picture.caption}]({picture.name}.png)", "", picture.caption]
+    return "\n".join(lines) + "\n"
+
+
+def tally(cells: Sequence[Cell]) -> dict[str, int]:
+    """How many cells have each verdict, the best first."""
+    order: tuple[Verdict, ...] = ("matches", "matches after calibration", "trend only", "not reproduced")
+    return {verdict: sum(cell.verdict == verdict for cell in cells) for verdict in order}
+
+
+def shown(value: float | str | None) -> str:
+    """Return a value as text: four figures, a dash for null."""
+    if value is None:
+        return "-"
+    return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def _interval(cell: Cell) -> str:
+    return "-" if cell.lo is None or cell.hi is None else f"{shown(cell.lo)} to {shown(cell.hi)}"
+
+
+def _page(out: Path, reproduction: Reproduction, found: Reproduced) -> str:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, loader=PackageLoader("spoofbench.report", "templates"))
+    pictures = [(p.caption, base64.b64encode((out / f"{p.name}.png").read_bytes()).decode()) for p in found.pictures]
+    rows = [(cell, shown(cell.printed), shown(cell.ours), _interval(cell)) for cell in found.cells]
+    return environment.get_template("reproduction.html.j2").render(
+        title=reproduction.TITLE, paper=reproduction.PAPER, rows=rows, notes=found.notes, pictures=pictures, tally=tally(found.cells)
+    )
