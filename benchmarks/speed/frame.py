@@ -5,7 +5,7 @@ import json
 import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ class Job:
         missing: peers that are not installed.
         check: is given our result and a peer's, once before timing, and raises where they do not agree.
         prepare: what to do before each turn, untimed.
+        parts: by peer, the share of the work that it does, where the whole would take it too long; its time is divided by that.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Job:
     missing: Sequence[str] = ()
     check: Callable[[Any, Any], None] | None = None
     prepare: Callable[[], None] | None = None
+    parts: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +64,7 @@ def run(job: Job, rounds: int) -> list[Result]:
             result = work()
             times[name].append(1e3 * (time.perf_counter() - begin))
             del result
-    medians = {name: statistics.median(values) for name, values in times.items()}
+    medians = {name: statistics.median(values) / job.parts.get(name, 1.0) for name, values in times.items()}
     ours = medians.pop("")
     return [Result(job.name, name, round(peer / ours, 2), round(ours, 2), round(peer, 2)) for name, peer in medians.items()]
 
