@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, Optional
+from typing import Annotated, Any, Literal, NoReturn, Optional
 
 import typer
 
@@ -101,6 +101,60 @@ def info(file: Path, as_json: AsJson = False) -> None:
         _print_json(as_dict(summary))
     else:
         typer.echo(as_text(summary))
+
+
+@app.command()
+def doctor(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Recordings, or raw logs, which are converted for it.")],
+    log_format: Annotated[Optional[str], typer.Option("--format", help="Converter of raw logs; else found by content.")] = None,  # noqa: UP045
+    options: Parameters = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say what is wrong with a log or recording.
+
+    Exit code: 0 nothing above info, 3 warnings, 4 errors; 1 if a file cannot be examined.
+    """
+    from spoofbench.doctor import examine_file
+    from spoofbench.doctor.telling import as_rows, as_text
+    from spoofbench.errors import SpoofbenchError
+
+    found: dict[str, Any] = {}
+    for file in files:
+        try:
+            found[str(file)] = examine_file(file, log_format, _texts(options))
+        except (SpoofbenchError, OSError) as error:
+            _complain(f"{file}: {error}" if len(files) > 1 else str(error))
+    if as_json:
+        _print_json({name: as_rows(findings) for name, findings in found.items()})
+    else:
+        typer.echo("\n\n".join(as_text(name, findings) for name, findings in found.items()))
+    worst = {finding.severity for findings in found.values() for finding in findings}
+    code = 1 if len(found) < len(files) else 4 if "error" in worst else 3 if "warning" in worst else 0
+    if code:
+        raise typer.Exit(code)
+
+
+@app.command()
+def export(
+    file: Path,
+    out: Annotated[Path, typer.Option("-o", help="X.parquet, X.csv, X.gpx; a folder or X.zip for a file per topic.")],
+    topics: Annotated[Optional[list[str]], typer.Option("--topic", help="Topic to write; repeat for more.")] = None,  # noqa: UP045
+    table_format: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="Of the files in a folder or X.zip.")] = "csv",
+    mapping: Annotated[Optional[str], typer.Option(metavar="FILE|NAME", help="Write the tables that this mapping reads.")] = None,  # noqa: UP045
+) -> None:
+    """Write topics for other programs."""
+    from spoofbench.exporting import export as export_topics
+    from spoofbench.exporting import export_by_mapping
+
+    if out.resolve() == file.resolve():
+        raise typer.BadParameter(f"{str(out)!r} is the recording itself")
+    if mapping is not None:
+        if topics:
+            raise typer.BadParameter("a mapping says which topics it takes; leave out --topic")
+        export_by_mapping(file, out, mapping)
+        _print_lines([f"{out}: by the mapping {mapping}"])
+    else:
+        _print_lines([f"{out}: {topic}" for topic in export_topics(file, out, topics=topics or (), table_format=table_format)])
 
 
 @app.command()

@@ -5,13 +5,14 @@ A converter is a module (or object) behind an entry point of the group ``spoofbe
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Protocol
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.converting.sources import Source
-from spoofbench.recording import Table
+from spoofbench.recording import Recording, Table
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,5 +90,23 @@ class Converter(Protocol):
 
         Raises:
             ConversionError: the log as a whole cannot be converted.
+        """
+        ...
+
+
+@runtime_checkable
+class Exporting(Protocol):
+    """What a converter can do besides: write a recording the way that a mapping describes its tables."""
+
+    def export(self, recording: Recording, mapping: str, out: Path) -> None:
+        """Write the table, or the folder of tables, from which the mapping would give these rows.
+
+        Args:
+            recording: what to write.
+            mapping: name of a ready mapping, or path of a mapping file.
+            out: what to write to.
+
+        Raises:
+            ConversionError: there is no such mapping, or the recording has not what it names.
         """
         ...

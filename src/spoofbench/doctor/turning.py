@@ -1,0 +1,147 @@
+"""Checks of inertial data against the receiver: unit and sign of the gyroscope, and the lag between both.
+
+The rate of turn about the vertical is the angular rate along the specific force, which points up when averaged over ten
+seconds; so no mounting has to be known. Clockwise from above is positive, as for a course.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spoofbench.doctor.finding import Finding
+from spoofbench.doctor.inertial import ACCEL, GYRO
+from spoofbench.doctor.motion import Floats, course, speed, steps, wrapped
+from spoofbench.recording import Recording, Table
+
+SLOWEST_MPS = 2.5
+SLOWEST_TRACKED_MPS = 4.0
+"""For a course from positions alone, whose noise is larger."""
+
+LONGEST_STEP_S = 3.0
+LEAST_TURN_RAD = 0.02
+LEAST_STEPS = 30
+LEAST_TURNED_RAD = 2.0
+"""Turned in sum, there has to be something to compare."""
+
+UP_SECONDS = 10.0
+LAGS_S = np.arange(-10.0, 10.01, 0.1)
+CORRELATED = 0.75
+LAG_S, GRAVE_LAG_S = 0.5, 2.0
+"""Receivers filter their velocity by some tenths of a second."""
+
+GAIN = 0.03
+"""How much better the correlation at a lag has to be than that at none."""
+
+SCALE_TOLERANCE = 0.15
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turns:
+    """Changes of course over the receiver's steps, ``(n,)`` rad, and the times of both ends in seconds of the IMU's axis."""
+
+    start_s: Floats
+    end_s: Floats
+    turn: Floats
+
+
+def turning(recording: Recording) -> list[Finding]:
+    """Compare the primary receiver's turns with each gyroscope's."""
+    topics = recording.topics("gnss/pvt")
+    if not topics:
+        return []
+    pvt = recording[topics[0]].last_per_time()
+    findings = []
+    for topic in recording.topics("imu"):
+        imu = recording[topic].last_per_time()
+        if not imu.has(*ACCEL, *GYRO) or len(imu) < LEAST_STEPS or len(pvt) < LEAST_STEPS:
+            continue
+        turns = _turns(pvt, int(imu.time_ns[0]))
+        heading_s, heading = _heading(imu)
+        if turns is not None and heading.size:
+            findings += _compared(topic, turns, heading_s, heading)
+    return findings
+
+
+def _compared(topic: str, turns: _Turns, heading_s: Floats, heading: Floats) -> list[Finding]:
+    sums = np.array([_agreement(turns, heading_s + lag, heading)[0] for lag in LAGS_S])
+    if not np.isfinite(sums).any():
+        return []
+    best = int(np.nanargmax(np.abs(sums)))
+    correlation, scale = _agreement(turns, heading_s + LAGS_S[best], heading)
+    now = sums[LAGS_S.size // 2]
+    if abs(correlation) < CORRELATED:
+        return []
+    findings = _unit(topic, correlation, scale)
+    lag_s = float(LAGS_S[best])
+    if abs(lag_s) > LAG_S and abs(correlation) > abs(now) + GAIN and 0 < best < LAGS_S.size - 1:
+        # the gyroscope's heading fits when its times are shifted by the lag: positive, it is too early
+        which = "ahead of" if lag_s > 0 else "behind"
+        agreement = f"(correlation {abs(correlation):.2f}, {abs(now):.2f} unshifted)"
+        text = f"the gyroscope turns {abs(lag_s):.1f} s {which} the receiver's course {agreement}"
+        advice = "align the two clocks, or use a detector that estimates the lag"
+        findings.append(Finding("imu-lag", "error" if abs(lag_s) > GRAVE_LAG_S else "warning", topic, text, advice))
+    return findings
+
+
+def _unit(topic: str, correlation: float, scale: float) -> list[Finding]:
+    text = f"the gyroscope's turns are {scale:.4g} times those of the receiver's course (correlation {correlation:.2f})"
+    for mistake, factor in {"deg/s were taken for rad/s": np.degrees(1), "it was multiplied by pi/180 twice": np.radians(1)}.items():
+        if abs(abs(scale) / factor - 1) < 2 * SCALE_TOLERANCE:
+            return [Finding("gyro-unit", "error", topic, f"{text}: {mistake}", "convert again with the right unit")]
+    if correlation < 0:
+        advice = "the sign convention of the accelerometer or of the gyroscope is not that of the schema: one of both frames is mirrored"
+        return [Finding("gyro-sign", "warning", topic, text, advice)]
+    if abs(scale - 1) > SCALE_TOLERANCE and abs(correlation) > 0.9:
+        return [Finding("gyro-scale", "warning", topic, text, "check scale and times of the gyroscope")]
+    return []
+
+
+def _turns(pvt: Table, origin_ns: int) -> _Turns | None:
+    """Return the receiver's turns by its course, or else by its positions; None where it does not turn enough."""
+    said, rate = course(pvt), speed(pvt)
+    usable = np.isfinite(said) & (rate > SLOWEST_MPS)
+    times_s = (pvt.time_ns - origin_ns) / 1e9
+    if usable.sum() < LEAST_STEPS:
+        way = steps(pvt)
+        usable = (way.way_m > SLOWEST_TRACKED_MPS * way.dt_s) & (way.dt_s <= LONGEST_STEP_S)
+        said, times_s = np.arctan2(way.east_m, way.north_m), (way.start_ns - origin_ns) / 1e9 + way.dt_s / 2
+    both = usable[:-1] & usable[1:] & (np.diff(times_s) <= LONGEST_STEP_S)
+    turn = wrapped(np.diff(said))[both]
+    if both.sum() < LEAST_STEPS or np.abs(turn[np.abs(turn) > LEAST_TURN_RAD]).sum() < LEAST_TURNED_RAD:
+        return None
+    return _Turns(times_s[:-1][both], times_s[1:][both], turn)
+
+
+def _heading(imu: Table) -> tuple[Floats, Floats]:
+    """Return seconds since the first row, and the heading that the gyroscope adds up to, rad clockwise."""
+    force = np.stack([imu[name] for name in ACCEL], axis=1)
+    rate = np.stack([imu[name] for name in GYRO], axis=1)
+    known = np.isfinite(force).all(axis=1) & np.isfinite(rate).all(axis=1)
+    if known.sum() < LEAST_STEPS:
+        return np.zeros(0), np.zeros(0)
+    times_s = (imu.time_ns[known] - imu.time_ns[0]) / 1e9
+    up = _smoothed(force[known], times_s)
+    turn = -(rate[known] * up).sum(axis=1) / np.linalg.norm(up, axis=1)
+    way = (turn[1:] + turn[:-1]) / 2 * np.minimum(np.diff(times_s), 1.0)  # a gap adds nothing that is not known
+    return times_s, np.concatenate([[0.0], np.cumsum(way)])
+
+
+def _smoothed(values: Floats, times_s: Floats) -> Floats:
+    """Return the mean of the values within ten seconds around each time, ``(n, 3)``."""
+    from scipy.ndimage import uniform_filter1d
+
+    step_s = float(np.median(np.diff(times_s)))
+    width = int(np.clip(UP_SECONDS / max(step_s, 1e-3), 1, values.shape[0]))
+    return np.asarray(uniform_filter1d(values, width, axis=0, mode="nearest"))
+
+
+def _agreement(turns: _Turns, heading_s: Floats, heading: Floats) -> tuple[float, float]:
+    """Return correlation and slope of the gyroscope's turns over the receiver's."""
+    inside = (turns.start_s >= heading_s[0]) & (turns.end_s <= heading_s[-1])
+    if inside.sum() < LEAST_STEPS:
+        return np.nan, np.nan
+    turned = np.interp(turns.end_s[inside], heading_s, heading) - np.interp(turns.start_s[inside], heading_s, heading)
+    said = turns.turn[inside]
+    both = float(said @ turned)
+    norm = float(np.linalg.norm(said) * np.linalg.norm(turned))
+    return (both / norm, both / float(said @ said)) if norm else (np.nan, np.nan)
