@@ -82,9 +82,9 @@ def markdown(entries: Sequence[Entry], closing: Sequence[str]) -> Iterator[str]:
     yield "|---|---|---|" + "---|" * (len(names) + 1)
     for one in entries:
         if found := one["gpsd"]:
-            cells = [f"{s['median']:g} / {s['max']:g} ({s['n']})" if (s := found[name])["n"] else "" for name in names]
+            figures = [f"{s['median']:g} / {s['max']:g} ({s['n']})" if (s := found[name])["n"] else "" for name in names]
             satellites = f"{found['satellites']['gpsd']} / {found['satellites']['ours']}"
-            yield f"| {one['file']} | {found['epochs']} | {found['matched']} | {' | '.join(cells)} | {satellites} |"
+            yield f"| {one['file']} | {found['epochs']} | {found['matched']} | {' | '.join(figures)} | {satellites} |"
 
 
 def _cell(text: str) -> str:
