@@ -1,0 +1,208 @@
+"""What a GnssLogger text log is made of: its row types, their columns as the header lines name them, its clocks.
+
+Source: ``LOGGING_FORMAT.md`` of google/gps-measurement-tools, and the header lines of versions 1.4 to 3.1 and of GPSTest.
+"""
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.converting import Columns
+from spoofbench_converters.phone import android
+from spoofbench_converters.phone import lines as text
+from spoofbench_converters.phone.axis import PAIRS, Axis, Pairs, Stamps
+from spoofbench_converters.phone.lines import Lines
+from spoofbench_converters.phone.numbers import words
+from spoofbench_converters.phone.parts import Part
+from spoofbench_converters.phone.sheets import Sheet
+
+SURVEY_BYTES = 2**24
+
+TYPES = (
+    "Raw",
+    "Fix",
+    "Status",
+    "Nav",
+    "Agc",
+    "UncalAccel",
+    "Accel",
+    "UncalGyro",
+    "Gyro",
+    "UncalMag",
+    "Mag",
+    "OrientationDeg",
+    "Pressure",
+    "NMEA",
+    "GnssAntennaInfo",
+)
+SENSORS = ("UncalAccel", "Accel", "UncalGyro", "Gyro", "UncalMag", "Mag", "OrientationDeg", "Pressure")
+UTC = ("utcTimeMillis",)
+ELAPSED = ("elapsedRealtimeNanos",)
+CHIPSET = ("ChipsetElapsedRealtimeNanos",)
+UNIX = ("UnixTimeMillis", "(UTC)TimeInMs")
+
+_DEVICE = re.compile(
+    r"Version:\s*(?P<app>\S+).*?Platform:\s*(?P<android>\S+)\s+Manufacturer:\s*(?P<maker>.*?)\s+Model:\s*(?P<model>.*?)\s*$"
+)
+_ROW = re.compile(r"[A-Za-z]+,(GPS|FLP|NLP|gps|fused|network|-?\d+),-?\d")
+_UNHEADED = {  # of rows whose header line is lost
+    "UncalAccel": "utcTimeMillis,elapsedRealtimeNanos,UncalAccelXMps2,UncalAccelYMps2,UncalAccelZMps2,BiasXMps2,BiasYMps2,BiasZMps2",
+    "UncalGyro": (
+        "utcTimeMillis,elapsedRealtimeNanos,UncalGyroXRadPerSec,UncalGyroYRadPerSec,UncalGyroZRadPerSec,"
+        "DriftXRadPerSec,DriftYRadPerSec,DriftZRadPerSec"
+    ),
+    "UncalMag": "utcTimeMillis,elapsedRealtimeNanos,UncalMagXMicroT,UncalMagYMicroT,UncalMagZMicroT,BiasXMicroT,BiasYMicroT,BiasZMicroT",
+    "OrientationDeg": "utcTimeMillis,elapsedRealtimeNanos,yawDeg,rollDeg,pitchDeg",
+    "Nav": "Svid,Type,Status,MessageId,Sub-messageId,Data(Bytes)",
+}
+
+
+@dataclass(slots=True)
+class Form:
+    """What header lines, and the first rows, say of a log: names of the columns and widths of the rows by type, and the device."""
+
+    names: dict[str, tuple[str, ...]] = field(default_factory=lambda: {kind: tuple(names.split(",")) for kind, names in _UNHEADED.items()})
+    widths: dict[str, int] = field(default_factory=dict)
+    device: dict[str, str] = field(default_factory=dict)
+
+    def changed_by(self, line: str) -> bool:
+        """Whether a header line names other columns for a type than those known."""
+        kind, names = _header(line)
+        return bool(kind) and self.names.get(kind) != names
+
+    def learn(self, line: str) -> None:
+        """Take a header line."""
+        if found := _DEVICE.search(line):
+            self.device = {
+                "device": f"{found['maker']} {found['model']}",
+                "firmware": f"Android {found['android']}",
+                "app": f"GnssLogger {found['app']}",
+            }
+        kind, names = _header(line)
+        if kind and self.names.get(kind) != names:
+            self.names[kind] = names
+            self.widths.pop(kind, None)
+
+    def sheet(self, kind: str, rows: text.Rows) -> tuple[Sheet, NDArray[np.bool_]]:
+        """Return the rows of a type that have the right number of cells as a sheet, and which do."""
+        names = self.names.get(kind, ())
+        width = self.widths.get(kind, len(names) + 1)
+        right = rows.widths >= width if kind == "Nav" else rows.widths == width
+        return Sheet(rows.take(right), {name: place + 1 for place, name in enumerate(names)}), right
+
+
+def _header(line: str) -> tuple[str, tuple[str, ...]]:
+    """Return the row type that a header line is of, empty where of none, and its columns."""
+    kind, *names = (name.strip() for name in line.lstrip("# ").split(","))
+    return (kind, tuple(names)) if kind in TYPES and names else ("", ())
+
+
+def types_of(rows: text.Rows) -> NDArray[np.bytes_]:
+    """Return the first cell of each row."""
+    return words(rows.column(0))
+
+
+def likeness(head: bytes) -> float:
+    """Return 1 for a log with header lines, 0.9 for one without, 0 for others and for one of NMEA sentences alone."""
+    lines = head.decode("latin-1").splitlines()
+    headed = any(re.match(r"#\s*(Raw,.*TimeNanos|Fix,\s*Provider)", line) for line in lines)
+    kinds = [line.partition(",")[0] for line in lines if line.partition(",")[0] in TYPES]
+    if kinds and kinds.count("NMEA") == len(kinds):
+        return 0.0
+    if headed:
+        return 1.0
+    rows = sum(
+        bool(re.match(r"[A-Za-z]+,(GPS|FLP|NLP|gps|fused|network|-?\d+),-?\d", line)) for line in lines if line.partition(",")[0] in TYPES
+    )
+    return 0.9 if rows >= 3 and 2 * rows >= len(lines) else 0.0
+
+
+def survey(part: Part) -> tuple[Form, Axis]:
+    """Read the first 16 MiB for what the whole log's columns and time axis are."""
+    form = Form()
+    counts: dict[str, dict[int, int]] = {}
+    pairs: dict[str, list[Pairs]] = {"sensors": [], "fixes": [], "raw": []}
+    with part.open() as file:
+        for lines in text.read_lines(file):
+            if not isinstance(lines, Lines):
+                continue
+            if not lines.starts.size or int(lines.offsets[-1]) > SURVEY_BYTES:
+                break
+            _survey_lines(lines, form, counts, pairs)
+    for kind, widths in counts.items():
+        if kind in form.names and kind != "Nav":
+            form.widths[kind] = max(widths, key=lambda width: (widths[width], width))
+    sensors, fixes, raw = (_first(parts) for parts in pairs.values())
+    return form, Axis.of(sensors, fixes, raw)
+
+
+def _survey_lines(lines: Lines, form: Form, counts: dict[str, dict[int, int]], pairs: dict[str, list[Pairs]]) -> None:
+    for row in np.flatnonzero(first_octets(lines) == ord("#")).tolist():
+        form.learn(lines.text(row))
+    rows = text.split(lines)
+    kinds = types_of(rows)
+    sensors: list[Columns] = []
+    for kind in form.names:
+        mine = rows.take(kinds == kind.encode())
+        if not mine.widths.size:
+            continue
+        widths, times = np.unique(mine.widths, return_counts=True)
+        for width, count in zip(widths.tolist(), times.tolist(), strict=True):
+            counts.setdefault(kind, {}).setdefault(width, 0)
+            counts[kind][width] += count
+        usual = int(widths[np.argmax(times)])
+        sheet = Sheet(mine.take(mine.widths == usual), {name: place + 1 for place, name in enumerate(form.names[kind])})
+        if kind in SENSORS:
+            sensors.append({**sheet.account(), **_both(sheet.exact(ELAPSED), sheet.exact(UTC, 6))})
+        elif kind == "Fix":
+            gps = np.isin(np.char.upper(sheet.words("Provider")), (b"GPS",))
+            pairs["fixes"].append(_paired(_both(sheet.exact(ELAPSED), sheet.exact(UNIX, 6)), gps))
+        elif kind == "Raw":
+            pairs["raw"].append(
+                _paired(_both(raw_elapsed(sheet), raw_utc(sheet, android.receiver_times(sheet))), np.ones(len(sheet), bool))
+            )
+    if sensors:
+        joined = {name: np.concatenate([part[name] for part in sensors]) for name in sensors[0]}
+        order = np.argsort(joined["offset"])
+        pairs["sensors"].append(_paired({name: values[order] for name, values in joined.items()}, np.ones(order.size, bool)))
+    for parts in pairs.values():
+        parts[:] = [_first(parts)]
+
+
+def raw_elapsed(sheet: Sheet) -> Stamps:
+    """Return the elapsed time of raw measurements in nanoseconds: the chipset's, else the logger's."""
+    chipset, logger = sheet.exact(CHIPSET), sheet.exact(("ElapsedRealtimeMillis",), 6)
+    own = chipset[1] & (chipset[0] > 0)
+    return np.where(own, chipset[0], logger[0]), own | logger[1]
+
+
+def raw_utc(sheet: Sheet, times: android.Times) -> Stamps:
+    """Return the UTC that the receiver claims at raw measurements, in Unix nanoseconds."""
+    logged = sheet.exact(UTC, 6)
+    return np.where(times.known, times.utc_ns(), logged[0]), times.known | logged[1]
+
+
+def _both(elapsed: Stamps, utc: Stamps) -> Columns:
+    return {"elapsed": elapsed[0], "utc": utc[0], "both": elapsed[1] & utc[1] & (elapsed[0] > 0) & (utc[0] > 0)}
+
+
+def _paired(columns: Columns, rows: NDArray[np.bool_]) -> Pairs:
+    chosen = columns["both"] & rows
+    return columns["elapsed"][chosen][:PAIRS], columns["utc"][chosen][:PAIRS]
+
+
+def _first(parts: list[Pairs]) -> Pairs:
+    none = np.empty(0, np.int64)
+    return (np.concatenate([none, *(part[0] for part in parts)])[:PAIRS], np.concatenate([none, *(part[1] for part in parts)])[:PAIRS])
+
+
+def first_octets(lines: Lines) -> NDArray[np.uint8]:
+    """Return each line's first octet, 0 of an empty one."""
+    filled = lines.ends > lines.starts
+    return (
+        np.where(filled, lines.octets[np.where(filled, lines.starts, 0)], 0).astype(np.uint8)
+        if lines.starts.size
+        else np.empty(0, np.uint8)
+    )

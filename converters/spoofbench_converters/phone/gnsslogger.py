@@ -1,0 +1,286 @@
+"""Conversion of GnssLogger's text log: see :mod:`spoofbench_converters.phone.gnssform` for what it is made of."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.converting import Columns, Facts, Item, Rejects
+from spoofbench.converting.ordering import take
+from spoofbench.errors import ConversionError
+from spoofbench_converters.phone import android, gnssform
+from spoofbench_converters.phone import lines as text
+from spoofbench_converters.phone.axis import Axis, Stamps, Steps
+from spoofbench_converters.phone.chip import Chip
+from spoofbench_converters.phone.gnssform import ELAPSED, SENSORS, UNIX, UTC, Form
+from spoofbench_converters.phone.lines import Lines
+from spoofbench_converters.phone.options import Options
+from spoofbench_converters.phone.parts import Part, text_parts
+from spoofbench_converters.phone.sheets import NOT_A_NUMBER, WRONG_WIDTH, Sheet
+from spoofbench_converters.phone.streams import Stream, in_file_order, rejects, used
+
+NO_TIME = "a row without a time"
+_NOT_KEPT = {
+    "NMEA": "NMEA sentences: not asked for, convert with --format nmea",
+    "GnssAntennaInfo": "GnssAntennaInfo: nothing in the schema",
+}
+_BATCHING_S = 10.0  # sensors may be handed over in batches of seconds, each on its own
+
+_XYZ = ("x", "y", "z")
+_VECTORS = {  # row type: kind of source, which, columns, fields
+    "UncalAccel": ("imu", "uncalibrated", "UncalAccel{}Mps2", "accel_{}_mps2", "Bias{}Mps2"),
+    "UncalGyro": ("imu", "uncalibrated", "UncalGyro{}RadPerSec", "gyro_{}_radps", "Drift{}RadPerSec"),
+    "UncalMag": ("mag", "uncalibrated", "UncalMag{}MicroT", "field_{}_ut", "Bias{}MicroT"),
+    "Accel": ("imu", "calibrated", "Accel{}Mps2", "accel_{}_mps2", ""),
+    "Gyro": ("imu", "calibrated", "Gyro{}RadPerSec", "gyro_{}_radps", ""),
+    "Mag": ("mag", "calibrated", "Mag{}MicroT", "field_{}_ut", ""),
+}
+IMU_FIELDS = tuple(f"{name}_{axis}_{unit}" for name, unit in (("accel", "mps2"), ("gyro", "radps")) for axis in _XYZ)
+MAG_FIELDS = tuple(f"field_{axis}_ut" for axis in _XYZ)
+PVT_FIELDS = ("lat_deg", "lon_deg", "height_m", "speed_mps", "course_deg", "h_acc_m", "v_acc_m", "s_acc_mps", "gps_week", "tow_s")
+DEVICE_AXES = "x to the right of the screen, y to its top, z out of it"
+_PROVIDERS = {b"GPS": "GPS", b"FLP": "FLP", b"FUSED": "FLP", b"NLP": "NLP", b"NETWORK": "NLP"}
+_SOLUTIONS = {
+    "GPS": {"solution": "gnss", "solution_basis": "Android's GPS provider"},
+    "FLP": {"solution": "fused", "solution_basis": "Android's fused location provider"},
+    "NLP": {"solution": "fused", "solution_basis": "Android's network provider: cells and Wi-Fi, no satellites"},
+}
+
+
+def sniff(parts: Sequence[Part]) -> float:
+    """Return how sure it is that one of the files is a log."""
+    return max((gnssform.likeness(part.head) for part in parts), default=0.0)
+
+
+def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
+    """Yield what a log holds, the one file of it that is one.
+
+    Raises:
+        ConversionError: there are several.
+    """
+    logs = [part for part in text_parts(parts) if gnssform.likeness(part.head)]
+    if len(logs) > 1:
+        raise ConversionError(f"there are several logs, {logs[0].name!r} and {logs[1].name!r} among them; convert one at a time")
+    log = _Log(*gnssform.survey(logs[0]), options)
+    with logs[0].open() as file:
+        for lines in text.read_lines(file, logs[0].origin):
+            if isinstance(lines, Lines):
+                yield from log.take(lines)
+            else:
+                yield lines
+    yield from log.finish()
+    yield from (part.passed_over() for part in parts if part is not logs[0])
+
+
+class _Log:
+    """A log being converted."""
+
+    def __init__(self, form: Form, axis: Axis, options: Options) -> None:
+        self._form, self._axis, self._options = form, axis, options
+        self._steps = Steps()
+        self._streams: dict[tuple[str, str], Stream] = {}
+        self._about: dict[str, dict[str, str]] = {}
+        self._chip = Chip("gnss0", axis)
+        self._by_sensors = any(kind in form.widths for kind in SENSORS)
+        self._timed: list[Columns] = []
+
+    def take(self, lines: Lines) -> Iterator[Item]:
+        """Yield what a piece holds."""
+        headers = gnssform.first_octets(lines) == ord("#")
+        told = headers | (lines.ends == lines.starts)
+        if told.any():
+            yield used(int(lines.lengths[told].sum()))
+        rows, start = np.flatnonzero(~told), 0
+        for header in np.flatnonzero(headers).tolist():
+            if self._form.changed_by(lines.text(header)):
+                yield from self._rows(lines.take(rows[(rows >= start) & (rows < header)]))
+                self._form.learn(lines.text(header))
+                start = header
+        yield from self._rows(lines.take(rows[rows >= start]))
+
+    def finish(self) -> Iterator[Item]:
+        """Yield what is held, and the facts."""
+        yield from self._chip.finish()
+        for stream in self._streams.values():
+            yield from stream.finish()
+        recording = {"clock": "sensor" if self._axis.offset_ns is not None else "gnss", "clock_basis": self._axis.basis}
+        if self._axis.offset_ns is not None:
+            recording |= {"boot_unix_ns": str(self._axis.offset_ns), "gnss_minus_clock_ns": str(-self._axis.shift_ns)}
+        if self._options.session:
+            recording["session_id"] = self._options.session
+        for name, told in self._chip.about().items():
+            fixes = self._about.get(name, {})
+            self._about[name] = {**told, **fixes, "topic": " ".join(filter(None, (fixes.get("topic"), told["topic"])))}
+        about = {f"source/{name}": {**self._form.device, **record} for name, record in self._about.items()}
+        yield Facts({**about, "recording": {**recording, **self._steps.about()}})
+
+    def _rows(self, lines: Lines) -> Iterator[Item]:
+        rows = text.split(lines)
+        kinds = gnssform.types_of(rows)
+        sheets: dict[str, Sheet] = {}
+        known = np.zeros(kinds.size, bool)
+        for kind in gnssform.TYPES:
+            mine = kinds == kind.encode()
+            known |= mine
+            if not mine.any():
+                continue
+            account = {"offset": lines.offsets[mine], "length": lines.lengths[mine]}
+            if kind in _NOT_KEPT:
+                yield from rejects(account, np.ones(account["offset"].size, bool), _NOT_KEPT[kind])
+                continue
+            sheets[kind], right = self._form.sheet(kind, rows.take(mine))
+            yield from rejects(account, ~right, WRONG_WIDTH)
+        yield from rejects({"offset": lines.offsets, "length": lines.lengths}, ~known, "a line of no type that GnssLogger writes")
+        yield from self._sheets({kind: sheet for kind, sheet in sheets.items() if len(sheet)})
+
+    def _sheets(self, sheets: dict[str, Sheet]) -> Iterator[Item]:
+        """Yield the rows of each type: sensors first, for they tell the time of rows that do not."""
+        self._timed = []
+        pushes: dict[str, tuple[Stream, list[Columns]]] = {}
+        for kind in SENSORS:
+            if kind in sheets:
+                stream, columns, refused = self._sensor(kind, sheets[kind])
+                yield from refused
+                pushes.setdefault(stream.topic, (stream, []))[1].append(columns)
+        for stream, parts in pushes.values():
+            yield from stream.push(in_file_order([stream.complete(part) for part in parts]))
+        self._watch()
+        if "Fix" in sheets:
+            yield from self._fixes(sheets["Fix"])
+        if "Raw" in sheets:
+            yield from self._chip.raw(sheets["Raw"])
+            if not self._by_sensors:
+                self._timed.append(self._chip.latest)
+        self._chip.piece(*self._order())
+        if "Agc" in sheets:
+            yield from self._chip.agc(sheets["Agc"])
+        if "Status" in sheets:
+            yield from self._chip.status(sheets["Status"])
+        if "Nav" in sheets:
+            yield from self._chip.navigation(sheets["Nav"])
+
+    def _sensor(self, kind: str, sheet: Sheet) -> tuple[Stream, Columns, list[Rejects]]:
+        elapsed, logged = sheet.exact(ELAPSED), sheet.exact(UTC, 6)
+        columns, stream = self._vector(kind, sheet) if kind in _VECTORS else self._scalar(kind, sheet)
+        columns |= sheet.account()
+        columns["time_ns"], timed = self._axis.times(elapsed, logged)
+        refused = [*rejects(columns, sheet.bad, NOT_A_NUMBER), *rejects(columns, ~timed & ~sheet.bad, NO_TIME)]
+        kept = timed & ~sheet.bad
+        columns = take(columns, kept)
+        self._timed.append({**_places(columns), "logged": logged[0][kept], "both": (elapsed[1] & logged[1])[kept]})
+        return stream, columns, refused
+
+    def _vector(self, kind: str, sheet: Sheet) -> tuple[Columns, Stream]:
+        family, which, column, field, bias = _VECTORS[kind]
+        columns: Columns = {field.format(axis): sheet.floats(column.format(axis.upper())) for axis in _XYZ}
+        if family == "imu":
+            columns["interval_s"] = np.zeros(len(sheet))
+        name, stream = self._stream(family, which, (*IMU_FIELDS, "interval_s") if family == "imu" else MAG_FIELDS)
+        last = Sheet(sheet.rows.take(np.array([len(sheet) - 1])), sheet.places)
+        values = [last.floats(bias.format(axis.upper()))[0] for axis in _XYZ] if bias else []
+        if values and not np.isnan(values).any():
+            self._about[name][f"{column.partition('{')[0]}_last_bias"] = " ".join(repr(float(value)) for value in values)
+        return columns, stream
+
+    def _scalar(self, kind: str, sheet: Sheet) -> tuple[Columns, Stream]:
+        if kind == "Pressure":
+            hectopascal = sheet.floats(*(name for name in sheet.places if name.lower().endswith(("hpa", "mbar", "millibar"))))
+            return {"pressure_pa": hectopascal * 100}, self._stream("baro", "", ("pressure_pa",))[1]
+        columns: Columns = {"roll_deg": sheet.floats("rollDeg"), "pitch_deg": -sheet.floats("pitchDeg")}
+        return columns, self._stream("ins", "", ("roll_deg", "pitch_deg"))[1]
+
+    def _stream(self, family: str, which: str, fields: tuple[str, ...]) -> tuple[str, Stream]:
+        """Return a sensor's source and stream, made when its first row comes."""
+        key = (family, which)
+        mine = [other for other in self._streams if other[0] == family]
+        name = f"{family}{mine.index(key) if key in mine else len(mine)}"
+        if key not in self._streams:
+            self._streams[key] = Stream(name, _KINDS.get(family, family), fields, window_s=_BATCHING_S)
+            self._about[name] = {**({"topic": which} if which else {}), **_ABOUT.get(family, {})}
+        return name, self._streams[key]
+
+    def _fixes(self, sheet: Sheet) -> Iterator[Item]:
+        elapsed, claimed = sheet.exact(ELAPSED), sheet.exact(UNIX, 6)
+        provider = np.char.upper(sheet.words("Provider"))
+        columns: Columns = {
+            "lat_deg": sheet.floats("LatitudeDegrees", "Latitude"),
+            "lon_deg": sheet.floats("LongitudeDegrees", "Longitude"),
+            "height_m": sheet.floats("AltitudeMeters", "Altitude"),
+            "speed_mps": sheet.floats("SpeedMps", "Speed"),
+            "course_deg": sheet.floats("BearingDegrees"),
+            "h_acc_m": sheet.floats("AccuracyMeters", "Accuracy"),
+            "v_acc_m": sheet.floats("VerticalAccuracyMeters"),
+            "s_acc_mps": sheet.floats("SpeedAccuracyMps"),
+            **sheet.account(),
+        }
+        placed = ~np.isnan(columns["lat_deg"] + columns["lon_deg"])
+        yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
+        yield from rejects(columns, ~placed & ~sheet.bad, "a fix without a position")
+        left = placed & ~sheet.bad
+        for word, name in _PROVIDERS.items():
+            mine = left & (provider == word)
+            left &= ~mine
+            if not mine.any():
+                continue
+            if self._options.source and self._options.source.upper() not in (word.decode(), name):
+                yield from rejects(columns, mine, "fixes of another provider: not asked for")
+                continue
+            yield from self._provider(name, take(columns, mine), _rows(elapsed, mine), _rows(claimed, mine))
+        yield from rejects(columns, left, "a fix of a provider that is not known")
+
+    def _provider(self, name: str, columns: Columns, elapsed: Stamps, claimed: Stamps) -> Iterator[Item]:
+        columns["time_ns"], timed = self._axis.times(elapsed, claimed, shift=name == "GPS")
+        yield from rejects(columns, ~timed, NO_TIME)
+        if name == "GPS":
+            gps = claimed[0] - android.GPS_EPOCH_NS
+            gps += android.leap_seconds(gps) * 1_000_000_000
+            known = claimed[1] & (gps > 0)
+            week, tow = android.week_and_tow(np.where(known, gps, 0))
+            columns |= {"gps_week": week, "gps_week?": known, "tow_s": np.where(known, tow, np.nan)}
+        columns = take(columns, timed)
+        if not self._by_sensors:
+            self._timed.append(_places(columns))
+        yield from self._fix_stream(name).push(columns)
+
+    def _fix_stream(self, name: str) -> Stream:
+        key = ("gnss", name)
+        if key not in self._streams:
+            others = sum(family == "gnss" and which != "GPS" for family, which in self._streams)
+            source = "gnss0" if name == "GPS" else f"gnss{others + 1}"
+            self._streams[key] = Stream(source, "gnss/pvt", PVT_FIELDS, window_s=_BATCHING_S)
+            self._about[source] = {"topic": f"Fix,{name}", "accuracy_basis": "68 % confidence", **_SOLUTIONS[name]}
+        return self._streams[key]
+
+    def _watch(self) -> None:
+        """Compare the sensors' logged clock with the axis, in the order of the file."""
+        if self._timed:
+            rows = in_file_order(self._timed)
+            self._steps.watch(*(rows[name][rows["both"]] for name in ("offset", "logged", "time_ns")))
+
+    def _order(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return where the timed rows of this piece lie, and their times, in the order of the file."""
+        if not self._timed:
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        rows = in_file_order([_places(part) for part in self._timed])
+        return rows["offset"], rows["time_ns"]
+
+
+_KINDS = {"ins": "ins/pva"}
+_ABOUT = {
+    "imu": {"device_axes": DEVICE_AXES},
+    "mag": {"device_axes": DEVICE_AXES},
+    "ins": {
+        "topic": "OrientationDeg",
+        "body": "forward to the top of the screen, right to its right, down into it",
+        "yaw_basis": "absent: the log's is from magnetic north",
+        "solution_basis": "Android's rotation vector, of inertial sensors and magnetometer",
+    },
+}
+
+
+def _places(columns: Columns) -> Columns:
+    return {name: columns[name] for name in ("offset", "time_ns")}
+
+
+def _rows(stamps: Stamps, rows: NDArray[np.bool_]) -> Stamps:
+    return stamps[0][rows], stamps[1][rows]

@@ -1,0 +1,132 @@
+"""The files of a log: the one, or those of a folder or zip archive; and tables of delimited text in them."""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import IO
+
+from spoofbench.converting import Block, Reject, Rejects, Source
+from spoofbench.errors import ConversionError
+from spoofbench_converters.phone.lines import BOM, Lines, read_lines, split
+from spoofbench_converters.phone.sheets import WRONG_WIDTH, Sheet
+from spoofbench_converters.phone.streams import used
+
+HEAD_BYTES = 2**16
+NO_KIND = "a file of no kind in the schema"
+MOST_HEADS = 256
+_TEXT = (".csv", ".txt", ".tsv", ".json")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A file of a log; ``origin`` is where it begins in the log, its files joined in the order of their names."""
+
+    name: str
+    origin: int
+    size: int
+    open: Callable[[], IO[bytes]]
+
+    @cached_property
+    def head(self) -> bytes:
+        """The first 64 KiB, without a byte order mark."""
+        with self.open() as file:
+            return file.read(HEAD_BYTES).removeprefix(BOM)
+
+    @property
+    def stem(self) -> str:
+        """The file's name without folders and suffix."""
+        return self.name.rpartition("/")[2].rpartition(".")[0] or self.name.rpartition("/")[2]
+
+    def passed_over(self, reason: str = NO_KIND) -> Reject:
+        """Return the account of a file of a folder or archive that nothing is read from."""
+        return Reject(self.origin, self.size, reason)
+
+
+def parts_of(source: Source) -> list[Part]:
+    """Return a log's files.
+
+    Raises:
+        ConversionError: the archive's directory cannot be read.
+    """
+    if not source.path.is_dir() and not source.is_archive:
+        return [Part("", 0, 0, source.open)]
+    parts, origin = [], 0
+    for member in source.members().values():
+        parts.append(Part(member.name, origin, member.size, member.open))
+        origin += member.size
+    return parts
+
+
+def text_parts(parts: Sequence[Part]) -> list[Part]:
+    """Return the files that may be text, by their names within the log; a lone file may."""
+    return [part for part in parts if not part.name or part.name.lower().endswith(_TEXT)][:MOST_HEADS]
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """The form of a table: names of its columns, what parts them, and whether numbers have a decimal comma."""
+
+    names: tuple[str, ...]
+    delimiter: str
+    decimal_comma: bool
+
+    @classmethod
+    def of(cls, head: bytes) -> "Form":
+        """Read the form from a file's first lines; without a line there are no names."""
+        header, _, rest = head.decode("utf-8", "replace").partition("\n")
+        bare = re.sub(r'"[^"]*"', '""', header)
+        delimiter = max(",;\t", key=bare.count)
+        names = tuple(name.strip().strip('"').strip() for name in re.split(rf'{delimiter}(?=(?:[^"]*"[^"]*")*[^"]*$)', header.rstrip("\r")))
+        return cls(names, delimiter, delimiter != "," and "," in rest.partition("\n")[0])
+
+    def places(self, normal: Callable[[str], str] = str) -> Mapping[str, int]:
+        """Return the columns' places by name; of columns of one name the first counts."""
+        places: dict[str, int] = {}
+        for place, name in enumerate(self.names):
+            places.setdefault(normal(name), place)
+        return places
+
+
+def sheets(part: Part, form: Form, normal: Callable[[str], str] = str) -> Iterator[Sheet | Block | Reject | Rejects]:
+    """Yield the rows of a table as sheets, and the account of all else: its header, blank lines, lines of another width."""
+    places, header = form.places(normal), True
+    with part.open() as file:
+        for lines in read_lines(file, part.origin):
+            if not isinstance(lines, Lines):
+                yield lines
+                continue
+            blank = lines.ends == lines.starts
+            if header:
+                blank[:1], header = True, False
+            if blank.any():
+                yield used(int(lines.lengths[blank].sum()))
+            rows = split(lines.take(~blank), form.delimiter)
+            right = rows.widths == len(form.names)
+            if not right.all():
+                yield Rejects(rows.lines.offsets[~right], rows.lines.lengths[~right], WRONG_WIDTH)
+            if right.any():
+                yield Sheet(rows.take(right) if not right.all() else rows, places, form.decimal_comma)
+
+
+def told(part: Part) -> Iterator[Block | Reject]:
+    """Yield the account of a file that told something about the log: all of its bytes."""
+    length = 0
+    with part.open() as file:
+        while piece := file.read(2**20):
+            length += len(piece)
+    yield used(length)
+
+
+def records(part: Part, most: int = 1000) -> list[dict[str, str]]:
+    """Read a small table of texts: its first rows within 64 KiB, by column name."""
+    import csv
+    import io
+
+    form = Form.of(part.head)
+    reader = csv.DictReader(io.StringIO(part.head.decode("utf-8", "replace"), newline=""), delimiter=form.delimiter)
+    try:
+        rows = [row for row, _ in zip(reader, range(most), strict=False)]
+    except csv.Error as error:
+        raise ConversionError(f"the table {part.name!r} cannot be read: {error}") from error
+    return [{name: text or "" for name, text in row.items() if isinstance(name, str)} for row in rows]

@@ -1,0 +1,280 @@
+"""Sensor Logger (Kelvin Choi): a folder or zip archive of one CSV table per sensor.
+
+Sources: ``UNITS.md``, ``COORDINATES.md``, ``CROSSPLATFORM.md`` and ``FUSEDLOCATION.md`` of tszheichoi/awesome-sensor-logger. On iOS
+accelerations are Core Motion's, -1 g on the axis that points up at rest, and uncalibrated ones in g, unless the recording was made with standardised units and frames.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.converting import Columns, Facts, Item
+from spoofbench.converting.ordering import take
+from spoofbench.errors import ConversionError
+from spoofbench_converters.phone.options import Options
+from spoofbench_converters.phone.parts import Form, Part, records, sheets, told
+from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
+from spoofbench_converters.phone.streams import Stream, rejects, together
+
+STANDARD_GRAVITY_MPS2 = 9.80665
+NO_TIME = "a row without a time"
+OLDER = "a fix older than the log"
+DEVICE_AXES = "x to the right of the screen, y to its top, z out of it"
+_OLDEST_FIX_S = -1.0  # before the start of the recording: an older one was cached
+_XYZ = ("x", "y", "z")
+_PVT_FIELDS = ("lat_deg", "lon_deg", "height_m", "height_msl_m", "speed_mps", "course_deg", "h_acc_m", "v_acc_m", "s_acc_mps")
+_IMU_FIELDS = tuple(
+    f"{name}_{axis}_{unit}" for name, unit in (("accel", "mps2"), ("gyro", "radps"), ("linear_accel", "mps2")) for axis in _XYZ
+)
+_GRAVITY = tuple(f"gravity_{axis}" for axis in _XYZ)
+_MAG_FIELDS = tuple(f"field_{axis}_ut" for axis in _XYZ)
+
+
+@dataclass(frozen=True, slots=True)
+class Phone:
+    """What decides units and signs: ``ios`` or ``android``, empty where unknown, and whether they are standardised."""
+
+    platform: str = ""
+    standardised: bool = False
+    basis: str = "Metadata.csv"
+
+    @property
+    def is_core_motion(self) -> bool:
+        """Whether accelerations have Core Motion's sign."""
+        return self.platform == "ios" and not self.standardised
+
+
+class Sensor(NamedTuple):
+    """A file: the kind of source it belongs to, which one, and how its rows are read."""
+
+    family: str
+    which: str
+    read: Callable[[Sheet, Phone], Columns]
+
+
+def _vector(field: str, *, is_acceleration: bool = False, in_g_on_ios: bool = False) -> Callable[[Sheet, Phone], Columns]:
+    def read(sheet: Sheet, phone: Phone) -> Columns:
+        scale = -1.0 if is_acceleration and phone.is_core_motion else 1.0
+        scale *= STANDARD_GRAVITY_MPS2 if in_g_on_ios and phone.is_core_motion else 1.0
+        return {field.format(axis): scale * sheet.floats(axis) for axis in _XYZ}
+
+    return read
+
+
+def _location(sheet: Sheet, phone: Phone) -> Columns:
+    del phone
+    return {
+        "lat_deg": sheet.floats("latitude"),
+        "lon_deg": sheet.floats("longitude"),
+        "height_m": sheet.floats("altitude"),
+        "height_msl_m": sheet.floats("altitudeAboveMeanSeaLevel"),
+        "speed_mps": known(sheet.floats("speed")),
+        "course_deg": known(sheet.floats("bearing")),
+        "h_acc_m": known(sheet.floats("horizontalAccuracy")),
+        "v_acc_m": known(sheet.floats("verticalAccuracy")),
+        "s_acc_mps": known(sheet.floats("speedAccuracy")),
+    }
+
+
+def known(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values with those below zero, by which phones say that they do not know, absent."""
+    return np.where(values < 0, np.nan, values)
+
+
+def _barometer(sheet: Sheet, phone: Phone) -> Columns:
+    del phone
+    return {"pressure_pa": sheet.floats("pressure") * 100}
+
+
+def _orientation(sheet: Sheet, phone: Phone) -> Columns:
+    nose_up = 1.0 if phone.is_core_motion else -1.0
+    return {"roll_deg": np.degrees(sheet.floats("roll")), "pitch_deg": nose_up * np.degrees(sheet.floats("pitch"))}
+
+
+_SENSORS: Mapping[str, Sensor] = {
+    "Accelerometer": Sensor("imu", "calibrated", _vector("linear_accel_{}_mps2", is_acceleration=True)),
+    "Gravity": Sensor("imu", "calibrated", _vector("gravity_{}", is_acceleration=True)),
+    "TotalAcceleration": Sensor("imu", "calibrated", _vector("accel_{}_mps2", is_acceleration=True)),
+    "Gyroscope": Sensor("imu", "calibrated", _vector("gyro_{}_radps")),
+    "AccelerometerUncalibrated": Sensor("imu", "uncalibrated", _vector("accel_{}_mps2", is_acceleration=True, in_g_on_ios=True)),
+    "GyroscopeUncalibrated": Sensor("imu", "uncalibrated", _vector("gyro_{}_radps")),
+    "Magnetometer": Sensor("mag", "calibrated", _vector("field_{}_ut")),
+    "MagnetometerUncalibrated": Sensor("mag", "uncalibrated", _vector("field_{}_ut")),
+    "Barometer": Sensor("baro", "", _barometer),
+    "LocationGps": Sensor("gnss", "GPS", _location),
+    "Location": Sensor("gnss", "FLP", _location),
+    "LocationNetwork": Sensor("gnss", "NLP", _location),
+    "Orientation": Sensor("ins", "", _orientation),
+}
+_KINDS = {"imu": "imu", "mag": "mag", "baro": "baro", "gnss": "gnss/pvt", "ins": "ins/pva"}
+_FIELDS: Mapping[str, Sequence[str]] = {
+    "imu": (*_IMU_FIELDS, *_GRAVITY, "interval_s"),
+    "mag": _MAG_FIELDS,
+    "baro": ("pressure_pa",),
+    "gnss": _PVT_FIELDS,
+    "ins": ("roll_deg", "pitch_deg"),
+}
+_SIGNED = ("Accelerometer", "Gravity", "TotalAcceleration", "AccelerometerUncalibrated", "Orientation")
+
+
+def sniff(parts: Sequence[Part]) -> float:
+    """Return 1 for files of the app, 0 for others."""
+    return float(any(_is_table(part) for part in parts))
+
+
+def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
+    """Yield what a recording holds.
+
+    Raises:
+        ConversionError: there is more than one recording, or one table alone that does not say of which sensor it is.
+    """
+    tables = _tables(parts)
+    metadata = next((part for part in parts if part.stem.lower() == "metadata" and b"device name" in part.head), None)
+    phone, device = _phone(tables, metadata), _device(metadata)
+    recording = {"clock": "sensor", **({"session_id": options.session} if options.session else {})}
+    yield Facts({"recording": recording})
+    for source, names in _sources(tables).items():
+        sensor = _SENSORS[names[0]]
+        yield Facts({f"source/{source}": {**device, **_about(sensor, names, phone)}})
+        if options.source and sensor.family == "gnss" and options.source.upper() != sensor.which:
+            yield from (tables[name].passed_over("fixes of another provider: not asked for") for name in names)
+            continue
+        derive = _with_gravity if sensor.family == "imu" else None
+        stream = Stream(source, _KINDS[sensor.family], _FIELDS[sensor.family], inputs=names, derive=derive)
+        yield from together(stream, {name: _rows(name, tables[name], phone) for name in names})
+    for part in parts:
+        if part is metadata:
+            yield from told(part)
+        elif part not in tables.values():
+            yield part.passed_over()
+
+
+def _is_table(part: Part) -> bool:
+    return {"time", "seconds_elapsed"} <= set(Form.of(part.head).names)
+
+
+def _tables(parts: Sequence[Part]) -> dict[str, Part]:
+    """Return the tables that are understood, by sensor."""
+    tables: dict[str, Part] = {}
+    for part in parts:
+        name = part.stem if part.name else _sensor_of(part)
+        if name not in _SENSORS or not _is_table(part):
+            continue
+        if name in tables:
+            raise ConversionError(
+                f"there are two tables {name!r}, {tables[name].name!r} and {part.name!r}; convert one recording at a time"
+            )
+        tables[name] = part
+    if "Gravity" in tables and ("Accelerometer" not in tables or "TotalAcceleration" in tables):
+        del tables["Gravity"]
+    return tables
+
+
+def _sensor_of(part: Part) -> str:
+    """Return the sensor of a table that stands alone, by its columns."""
+    names = set(Form.of(part.head).names)
+    for column, sensor in (("latitude", "Location"), ("pressure", "Barometer")):
+        if column in names:
+            return sensor
+    raise ConversionError(
+        f"of which sensor a table of {sorted(names)} is, only its folder says; convert the recording's folder or zip archive"
+    )
+
+
+def _sources(tables: Mapping[str, Part]) -> dict[str, tuple[str, ...]]:
+    """Return the sensors of each source, by its name."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name, sensor in _SENSORS.items():
+        if name in tables:
+            groups.setdefault((sensor.family, sensor.which), []).append(name)
+    numbers: dict[str, int] = {}
+    sources = {}
+    for (family, _), names in groups.items():
+        sources[f"{family}{numbers.setdefault(family, 0)}"] = tuple(names)
+        numbers[family] += 1
+    return sources
+
+
+def _phone(tables: Mapping[str, Part], metadata: Part | None) -> Phone:
+    rows = records(metadata, 1) if metadata else []
+    if rows and rows[0].get("platform", "").lower() in ("ios", "android"):
+        return Phone(rows[0]["platform"].lower(), rows[0].get("standardisation", "").lower() == "true")
+    if {"TotalAcceleration", "LocationGps", "LocationNetwork"} & set(tables):
+        return Phone("android", basis="tables that only Android has")
+    if "Location" in tables and "altitudeAboveMeanSeaLevel" in Form.of(tables["Location"].head).names:
+        return Phone("ios", basis="a column that only iOS has")
+    return Phone()
+
+
+def _device(metadata: Part | None) -> dict[str, str]:
+    row = next(iter(records(metadata, 1) if metadata else []), {})
+    device = {
+        "device": row.get("device name", ""),
+        "app": f"Sensor Logger {row['appVersion']}" if row.get("appVersion") else "Sensor Logger",
+    }
+    return {name: text for name, text in device.items() if text}
+
+
+def _about(sensor: Sensor, names: Sequence[str], phone: Phone) -> dict[str, str]:
+    about = {"topic": " ".join(names)}
+    if sensor.family in ("imu", "mag"):
+        about["device_axes"] = DEVICE_AXES
+    if sensor.family == "imu":
+        sign = "Core Motion's sign turned, uncalibrated g into m/s2" if phone.is_core_motion else "as logged"
+        about["accel_basis"] = f"{phone.platform or 'unknown'} by {phone.basis}: {sign}"
+        if "Gravity" in names:
+            about["accel_basis"] += "; specific force is the sum of gravity and the acceleration without it"
+    elif sensor.family == "gnss":
+        about |= _provider(sensor, phone)
+    elif sensor.family == "ins":
+        about |= {
+            "body": "forward to the top of the screen, right to its right, down into it",
+            "yaw_basis": "absent: from which north it counts differs by phone",
+            "solution_basis": "attitude of inertial sensors and magnetometer",
+        }
+    return about
+
+
+def _provider(sensor: Sensor, phone: Phone) -> dict[str, str]:
+    if sensor.which == "GPS":
+        return {"solution": "gnss", "solution_basis": "Android's GPS provider"}
+    if phone.platform == "ios":
+        return {"solution_basis": "Core Location, which does not say what it fuses"}
+    return {"solution": "fused", "solution_basis": "fused location" if sensor.which == "FLP" else "network location, no satellites"}
+
+
+def _rows(name: str, part: Part, phone: Phone) -> Iterator[Columns | Item]:
+    sensor = _SENSORS[name]
+    for sheet in sheets(part, Form.of(part.head)):
+        if not isinstance(sheet, Sheet):
+            yield sheet
+            continue
+        columns = {**sensor.read(sheet, phone), **sheet.account()}
+        columns["time_ns"], timed = sheet.exact(("time",))
+        before_s = sheet.floats("seconds_elapsed")
+        if sensor.family == "imu":
+            columns["interval_s"] = np.zeros(len(sheet))
+        refusals = [(sheet.bad, NOT_A_NUMBER), (~timed | (columns["time_ns"] <= 0), NO_TIME)]
+        if sensor.family == "gnss":
+            refusals.append((before_s < _OLDEST_FIX_S, OLDER))
+        if name in _SIGNED and not phone.platform:
+            refusals.append((np.ones(len(sheet), bool), "nothing says whether the phone is iOS or Android, so the sign is unknown"))
+        kept = np.ones(len(sheet), bool)
+        for refused, reason in refusals:
+            yield from rejects(columns, refused & kept, reason)
+            kept &= ~refused
+        yield take(columns, kept)
+
+
+def _with_gravity(rows: Columns) -> Columns:
+    """Add gravity to the accelerations without it where the specific force is not logged."""
+    sums = {
+        f"accel_{axis}_mps2": np.where(
+            np.isnan(rows[f"accel_{axis}_mps2"]), rows[f"gravity_{axis}"] + rows[f"linear_accel_{axis}_mps2"], rows[f"accel_{axis}_mps2"]
+        )
+        for axis in _XYZ
+    }
+    return {**rows, **sums}

@@ -1,0 +1,69 @@
+"""Tables whose columns are found by name."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.converting import Columns
+from spoofbench_converters.phone import numbers
+from spoofbench_converters.phone.lines import Rows
+
+NOT_A_NUMBER = "a cell that must be a number is none"
+WRONG_WIDTH = "the number of cells is not that of the header"
+
+
+class Sheet:
+    """Rows of one width, read column by column.
+
+    Attributes:
+        rows: the rows.
+        places: place of each column by name.
+        bad: bool ``(n,)``, which have had, in the columns read so far, a cell that is no number.
+    """
+
+    def __init__(self, rows: Rows, places: Mapping[str, int], decimal_comma: bool = False) -> None:
+        self.rows = rows
+        self.bad = np.zeros(rows.widths.size, bool)
+        self.places = places
+        self._width = int(rows.widths.min()) if rows.widths.size else 0
+        self._decimal_comma = decimal_comma
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return self.rows.widths.size
+
+    def __contains__(self, name: str) -> bool:
+        return self.places.get(name, self._width) < self._width
+
+    def floats(self, *names: str) -> NDArray[np.float64]:
+        """Return the first of these columns that there is, NaN where a cell is empty, or where there is none of them."""
+        for name in names:
+            if name in self:
+                values, bad = numbers.floats(self.rows.column(self.places[name]), self._decimal_comma)
+                self.bad |= bad
+                return values
+        return np.full(len(self), np.nan)
+
+    def exact(self, names: Sequence[str], decimals: int = 0) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the first of these columns that there is, times ``10 ** decimals``, and which rows have a value."""
+        for name in names:
+            if name in self:
+                values, present, bad = numbers.scaled(self.rows.column(self.places[name]), decimals, self._decimal_comma)
+                self.bad |= bad
+                return values, present
+        return np.zeros(len(self), np.int64), np.zeros(len(self), bool)
+
+    def words(self, name: str) -> NDArray[np.bytes_]:
+        """Return a column of words, empty where there is none."""
+        return numbers.words(self.rows.column(self.places[name])) if name in self else np.zeros(len(self), "S1")
+
+    def account(self) -> Columns:
+        """Return where the rows lie in the log: ``offset`` and ``length``."""
+        return {"offset": self.rows.lines.offsets, "length": self.rows.lines.lengths}
+
+
+def held(values: tuple[NDArray[Any], NDArray[np.bool_]], name: str) -> Columns:
+    """Return an integer column with the one that says which rows have it."""
+    return {name: values[0], f"{name}?": values[1]}
