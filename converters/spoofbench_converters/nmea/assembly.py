@@ -1,0 +1,180 @@
+"""Epochs and rows from sentences that are divided among receivers and epochs."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spoofbench.converting import Columns, Rejects
+from spoofbench.converting.ordering import take
+from spoofbench_converters.nmea import signals, utc
+from spoofbench_converters.nmea.batch import VIEW, Batch
+from spoofbench_converters.nmea.epochs import Before, divide
+from spoofbench_converters.nmea.fields import Bools, Ints
+from spoofbench_converters.nmea.sensors import SENSORS, Sensors
+from spoofbench_converters.nmea.solution import ONE_PER_EPOCH, Solution
+from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS, Epochs, Rows
+
+_NEAR_NS = 10 * utc.SECOND_NS  # a time of its own further from that of the epoch is not believed
+_OF_SOLUTION = (*ONE_PER_EPOCH, "GSA", "GRS")
+_WGS84 = int.from_bytes(b"W84", "big")
+_AGAIN = "the same epoch again"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Times:
+    """Times of epochs: as claimed, time of day, and when received."""
+
+    claimed_ns: Ints
+    period_ns: Ints
+    receive_time_ns: Ints
+
+    def offsets(self, epoch: Ints, own_ns: Ints, receive_time_ns: Ints) -> Ints:
+        """How much later than their epochs rows are: by their own time of day if near, else by their stamps, else not at all."""
+        base, received = self.claimed_ns[epoch], self.receive_time_ns[epoch]
+        stamped = (received != ABSENT_NS) & (receive_time_ns != ABSENT_NS)
+        by_stamp = np.where(stamped, receive_time_ns - np.where(stamped, received, 0), 0)
+        timed = (base != ABSENT_NS) & (own_ns != ABSENT_NS)
+        by_time = utc.nearest_turn(np.where(timed, own_ns - base, 0))
+        return np.where(timed & (np.abs(by_time) <= _NEAR_NS), by_time, by_stamp)
+
+
+class Assembly:
+    """Puts the epochs of one log together."""
+
+    def __init__(self) -> None:
+        self._sensors = Sensors()
+        self._talkers: dict[str, list[str]] = {}
+        self._datums: dict[str, list[str]] = {}
+
+    def epochs(self, batch: Batch, starts: Bools, receiver: Ints, talkers: Sequence[str]) -> Iterator[Epochs | Rejects]:
+        """Yield complete epochs, given which sentences open one and the receiver of each, -1 for sensors."""
+        epoch = np.cumsum(starts) - 1
+        opening = np.flatnonzero(starts)
+        lost: dict[str, list[Ints]] = {}
+        rows: list[Rows] = []
+        times = _Times(np.full(opening.size, ABSENT_NS), np.zeros(opening.size, np.int64), batch.frames["receive_time_ns"][opening])
+        for number in range(int(receiver.max(initial=-1)) + 1):
+            own = np.flatnonzero(receiver == number)
+            if own.size:
+                opens = starts[own] if number == 0 else divide(take(batch.frames, own), epoch[own], Before(), False).starts
+                rows += self._receiver(number, _Own(batch, own, epoch, opens), times, lost, talkers)
+                self._note(f"gnss{number}", batch, own, talkers)
+        rows += self._sensor_rows(batch, epoch, times, talkers, lost)
+        gone = np.zeros(batch.size, bool)
+        for reason, parts in sorted(lost.items()):
+            places = np.unique(np.concatenate(parts))
+            gone[places] = True
+            yield Rejects(batch.frames["offset"][places], batch.frames["used"][places], reason)
+        used = np.bincount(epoch, np.where(gone, 0, batch.frames["used"]), opening.size).astype(np.int64)
+        yield Epochs(batch.frames["offset"][opening], times.claimed_ns, times.period_ns, times.receive_time_ns, used, rows)
+
+    def about(self) -> Mapping[str, Mapping[str, str]]:
+        """Return the sources' metadata."""
+        found = dict(self._sensors.about)
+        for source, talkers in self._talkers.items():
+            found[source] = {"topic": f"NMEA {' '.join(talkers)}", "solution": "gnss", "solution_basis": "no sentence says otherwise"}
+            if source in self._datums:
+                found[source]["datum"] = " ".join(self._datums[source])
+        return found
+
+    def _receiver(self, number: int, own: "_Own", times: _Times, lost: dict[str, list[Ints]], talkers: Sequence[str]) -> Iterator[Rows]:
+        """Yield the rows of one receiver; the first one gives the epochs their times."""
+        for reason, places in own.drop_repetitions(talkers.index("GN") if "GN" in talkers else -1):
+            lost.setdefault(reason, []).append(places)
+        solution = Solution(own.opening.size, own.tables)
+        claimed_ns, period_ns = solution.claimed()
+        at = own.at
+        if number == 0:
+            times.claimed_ns[at], times.period_ns[at] = claimed_ns, period_ns
+        offset = times.offsets(at, claimed_ns, own.frames["receive_time_ns"][own.opening])
+        known = np.unique(np.concatenate([own.tables[name]["epoch"] for name in _OF_SOLUTION if name in own.tables] or [own.local[:0]]))
+        source = f"gnss{number}"
+        if known.size:
+            yield Rows(source, "gnss/pvt", at[known], signals.taken(solution.rows(), known), offset[known])
+        if VIEW in own.tables:
+            view, doubled = signals.without_doubles(own.tables[VIEW])
+            if doubled.size:
+                lost.setdefault(f"NMEA GSV: {_AGAIN}", []).append(doubled)
+            yield Rows(source, "gnss/signal", at[view["epoch"]], signals.rows(view, own.tables), offset[view["epoch"]])
+        if "PUBX04" in own.tables:
+            clock = own.tables["PUBX04"]
+            columns = {name: clock[name] for name in ("bias_s", "drift_sps")}
+            yield Rows(source, "gnss/clock", at[clock["epoch"]], columns, offset[clock["epoch"]])
+
+    def _sensor_rows(self, batch: Batch, epoch: Ints, times: _Times, talkers: Sequence[str], lost: dict[str, list[Ints]]) -> list[Rows]:
+        frames = batch.frames
+        for name in ("PASHR", "GYOACC", "IMURAW"):
+            if name in batch.tables:
+                _claim(batch.tables[name], epoch, times)
+        rows, useful = [], np.zeros(batch.size, bool)
+        for found in self._sensors.rows(batch, talkers):
+            useful[found.frame] = True
+            at, received = epoch[found.frame], frames["receive_time_ns"][found.frame]
+            offset = times.offsets(at, frames["tod_ns"][found.frame], received)
+            rows.append(Rows(found.source, found.kind, at, found.columns, offset, receive_time_ns=received))
+        for name in SENSORS:
+            if name in batch.tables:
+                places = batch.tables[name]["frame"]
+                if not useful[places].all():
+                    lost[f"NMEA {name}: no value"] = [places[~useful[places]]]
+        return rows
+
+    def _note(self, source: str, batch: Batch, own: Ints, talkers: Sequence[str]) -> None:
+        """Note the talkers and the datums of a receiver."""
+        known = self._talkers.setdefault(source, [])
+        present, first = np.unique(batch.frames["talker"][own], return_index=True)
+        known += [talkers[place] for place in present[np.argsort(first)].tolist() if talkers[place] not in known]
+        if "DTM" in batch.tables:
+            datum = batch.tables["DTM"]
+            for value in np.unique(datum["datum"][np.isin(datum["frame"], own)]).tolist():
+                text = value.to_bytes(3, "big").strip(b"\0").decode("ascii", "replace")
+                names = self._datums.setdefault(source, [])
+                if value and value != _WGS84 and text not in names and len(names) < 8:
+                    names.append(text)
+
+
+class _Own:
+    """The sentences of one receiver: their places in the batch, their epochs, and tables with the ``epoch`` of each row."""
+
+    def __init__(self, batch: Batch, places: Ints, epoch: Ints, opens: Bools) -> None:
+        self.places = places
+        self._talker_of_frame = batch.frames["talker"]
+        self.frames = take(batch.frames, places)
+        mine = np.zeros(batch.size, bool)
+        mine[places] = True
+        opens = opens | (np.arange(places.size) == 0)
+        self.local = np.cumsum(opens) - 1
+        self.opening = np.flatnonzero(opens)
+        self.at = epoch[places[self.opening]]
+        of_frame = np.zeros(batch.size, np.int64)
+        of_frame[places] = self.local
+        self.tables: dict[str, Columns] = {}
+        for name, table in batch.tables.items():
+            rows = np.flatnonzero(mine[table["frame"]])
+            if rows.size:
+                self.tables[name] = take(table, rows)
+                self.tables[name]["epoch"] = of_frame[self.tables[name]["frame"]]
+
+    def drop_repetitions(self, combined: int) -> Iterator[tuple[str, Ints]]:
+        """Leave one sentence of a type per epoch, that of the ``combined`` talker or else the first; yield the places of the others."""
+        for name in ONE_PER_EPOCH:
+            table = self.tables.get(name)
+            if table is not None and np.any(table["epoch"][1:] == table["epoch"][:-1]):
+                others = self._talker_of_frame[table["frame"]] != combined
+                order = np.lexsort((others, table["epoch"]))
+                epoch = table["epoch"][order]
+                first = np.zeros(epoch.size, bool)
+                first[order[np.append(True, epoch[1:] != epoch[:-1])]] = True
+                yield f"NMEA {name}: {_AGAIN}", table["frame"][~first]
+                self.tables[name] = take(table, first)
+
+
+def _claim(table: Columns, epoch: Ints, times: _Times) -> None:
+    """Let epochs without a time have that of a sensor's sentence."""
+    at = epoch[table["frame"]]
+    rows = np.flatnonzero((times.claimed_ns[at] == ABSENT_NS) & (table["tod_ns"] != ABSENT_NS))[::-1]
+    date_ns = table.get("date_ns", np.full(at.size, ABSENT_NS))[rows]
+    dated = date_ns != ABSENT_NS
+    times.claimed_ns[at[rows]] = np.where(dated, date_ns, 0) + table["tod_ns"][rows]
+    times.period_ns[at[rows]] = np.where(dated, 0, DAY_NS)

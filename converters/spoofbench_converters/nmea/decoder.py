@@ -1,0 +1,95 @@
+"""The decoder of NMEA 0183: frames in, epochs and their rows out.
+
+The epochs are those of the first receiver; sentences of other receivers, of heading sensors and of inertial sensors
+belong to the epoch in which they stand, and what they say of time makes their offset from it. A log without a
+receiver has an epoch per sentence.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Literal
+
+import numpy as np
+
+from spoofbench.converting import Rejects
+from spoofbench.converting.ordering import take
+from spoofbench_converters.nmea import receivers
+from spoofbench_converters.nmea.addresses import CODES, Addresses
+from spoofbench_converters.nmea.assembly import Assembly
+from spoofbench_converters.nmea.batch import Batch, read_frames
+from spoofbench_converters.nmea.epochs import Before, divide_within_bounds
+from spoofbench_converters.nmea.fields import Bools, Ints
+from spoofbench_converters.nmea.options import DecoderOptions
+from spoofbench_converters.nmea.sensors import SENSORS
+from spoofbench_converters.stream.contract import Epochs, Frames
+
+_OF_SENSORS = tuple(CODES[name] for name in SENSORS)
+
+
+class NmeaDecoder:
+    """Decodes one log; see :class:`spoofbench_converters.stream.contract.Decoder`."""
+
+    protocol: Literal["nmea"] = "nmea"
+
+    def __init__(self, options: DecoderOptions) -> None:
+        self._options = options
+        self._addresses = Addresses()
+        self._held: Batch | None = None
+        self._before = Before()
+        self._receivers: dict[str, int] | None = None  # decided on the first sentences
+        self._gsv_first: bool | None = None  # decided on the first sentence of the first receiver
+        self._without_receiver = False
+        self._assembly = Assembly()
+
+    def push(self, frames: Frames) -> Iterator[Epochs | Rejects]:
+        """Take the next piece's sentences."""
+        batch, rejects = read_frames(frames, self._addresses, self._options.source)
+        yield from rejects
+        self._held = batch if self._held is None else self._held.then(batch)
+        if self._receivers is not None or self._held.size >= receivers.JUDGED:
+            yield from self._release(last=False)
+
+    def finish(self) -> Iterator[Epochs | Rejects]:
+        """Give what is held."""
+        if self._held is not None:
+            yield from self._release(last=True)
+
+    def about(self) -> Mapping[str, Mapping[str, str]]:
+        """Return the sources' metadata."""
+        return self._assembly.about()
+
+    def _release(self, last: bool) -> Iterator[Epochs | Rejects]:
+        """Give the epochs that are complete: all but the last."""
+        held = self._held
+        if held is None or not held.size:
+            return
+        receiver = self._receiver_of(held)
+        first = np.flatnonzero(receiver == 0)
+        division = divide_within_bounds(take(held.frames, first), self._before, bool(self._gsv_first))
+        starts = np.zeros(held.size, bool)
+        starts[first[division.starts]] = True
+        end = held.size if last or not first.size else int(first[division.starts][-1])
+        if self._without_receiver:
+            starts |= receiver < 0
+        starts[:1] = True
+        if end:
+            self._before = division.before(int(np.searchsorted(first, end)), self._before)
+            done: Bools = np.arange(held.size) < end
+            self._held = held.take(~done)
+            talkers = self._addresses.talkers
+            yield from self._assembly.epochs(held.take(done), starts[done], receiver[done], talkers)
+
+    def _receiver_of(self, held: Batch) -> Ints:
+        """The receiver of each sentence, -1 for those of sensors."""
+        talkers = self._addresses.talkers
+        is_sensor = np.isin(held.frames["code"], _OF_SENSORS)
+        if self._receivers is None:
+            judged = take(held.frames, slice(0, receivers.JUDGED))
+            self._receivers = receivers.tell_apart(judged, talkers)
+            self._without_receiver = bool(is_sensor[: receivers.JUDGED].all())
+        known = self._receivers
+        by_talker = np.array([receivers.receiver_of(talker, known) for talker in talkers] or [0])
+        receiver = np.where(is_sensor, -1, by_talker[held.frames["talker"]])
+        if self._gsv_first is None and np.any(receiver == 0):
+            opening = int(np.argmax(receiver == 0))
+            self._gsv_first = bool(held.frames["code"][opening] == CODES["GSV"] and held.frames["message"][opening] <= 1)
+        return receiver

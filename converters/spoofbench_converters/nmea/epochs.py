@@ -1,0 +1,191 @@
+"""Which sentences belong to one epoch of a receiver.
+
+Sentences with a time open an epoch when their time differs from the one before, or when a position sentence or a
+ZDA of the epoch comes again (a clock that stands still, or no time at all). A time without decimals is the
+same as one with decimals in its second, and a ZDA up to 0.1 s after a fix is of that fix, for some receivers give
+it the time of sending. The very same position sentence right after itself is a repetition and opens nothing.
+
+Sentences without a time between two epochs belong to the first of them, but for those from the first GSV on where
+the log puts GSV first in its bursts. That is so, in this order: where the recorder's stamps leave their longest
+gap there; not if a GSA stands right before the GSV; if a GSA or VTG follows it; if the log began with a GSV.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spoofbench.converting import Columns
+from spoofbench.converting.ordering import take
+from spoofbench_converters.nmea.addresses import CODES
+from spoofbench_converters.nmea.fields import Bools, Ints
+from spoofbench_converters.stream.contract import ABSENT_NS
+
+MAX_SENTENCES = 8_192  # of one epoch: more make epochs without a time
+
+_SECOND_NS = 1_000_000_000
+_SENDING_NS = 100_000_000
+_CLEAR_GAP = 2  # a gap this many times the next longest one separates bursts
+_REPEATING = tuple(CODES[name] for name in ("GGA", "RMC", "GLL", "GNS", "ZDA", "PUBX00"))
+_CLOCKS = tuple(CODES[name] for name in ("ZDA", "PUBX04"))
+_PARTS = ("starts", "repeated", "tod_ns", "fine")
+_GSV, _GSA, _VTG = CODES["GSV"], CODES["GSA"], CODES["VTG"]
+
+
+@dataclass(frozen=True, slots=True)
+class Before:
+    """The last time before the sentences at hand, and the last one with decimals, ``ABSENT_NS`` for none."""
+
+    tod_ns: int = ABSENT_NS
+    fine_ns: int = ABSENT_NS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Division:
+    """How the sentences of one receiver divide into epochs.
+
+    Attributes:
+        starts: bool ``(n,)``, which sentences open an epoch; the first one does.
+        repeated: bool ``(n,)``, which sentences only repeat the one before.
+        tod_ns: int64 ``(n,)``, times as compared, ``ABSENT_NS`` where a sentence has none.
+        fine: bool ``(n,)``, which times have decimals.
+    """
+
+    starts: Bools
+    repeated: Bools
+    tod_ns: Ints
+    fine: Bools
+
+    def before(self, place: int, start: Before) -> Before:
+        """What came before the sentence at a place."""
+        timed = np.flatnonzero(self.tod_ns[:place] != ABSENT_NS)
+        fine = timed[self.fine[timed]]
+        return Before(
+            int(self.tod_ns[timed[-1]]) if timed.size else start.tod_ns,
+            int(self.tod_ns[fine[-1]]) if fine.size else start.fine_ns,
+        )
+
+
+def divide(frames: Columns, segment: Ints, before: Before, gsv_first: bool) -> Division:
+    """Divide a receiver's sentences, in file order; no epoch goes across the border of two segments.
+
+    Args:
+        frames: columns of :class:`spoofbench_converters.nmea.batch.Batch`.
+        segment: int64 ``(n,)``, not decreasing.
+        before: what came before the first of them.
+        gsv_first: the log began with a GSV sentence.
+    """
+    n = segment.size
+    tod_ns, fine = _comparable(frames, before)
+    timed = np.flatnonzero(tod_ns != ABSENT_NS)
+    opens = np.zeros(n, bool)
+    if timed.size:
+        new_segment = np.append(segment[timed[0]] != segment[0], segment[timed[1:]] != segment[timed[:-1]])
+        opens[timed] = (tod_ns[timed] != np.append(before.tod_ns, tod_ns[timed[:-1]])) | new_segment
+    repeating = np.flatnonzero(np.isin(frames["code"], _REPEATING))
+    border = np.append(np.ones(min(n, 1), bool), segment[1:] != segment[:-1])
+    repeated = _repeated(frames, repeating, segment)
+    _open_at_repetition(frames, repeating[~repeated[repeating]], np.cumsum(opens | border), opens)
+    anchors = np.flatnonzero((tod_ns != ABSENT_NS) | np.isin(frames["code"], _REPEATING))
+    starts = _with_what_leads(frames, np.flatnonzero(opens), anchors, border, gsv_first)
+    return Division(starts | border, repeated, tod_ns, fine)
+
+
+def divide_within_bounds(frames: Columns, before: Before, gsv_first: bool) -> Division:
+    """Divide as :func:`divide` does, of one segment; an epoch that grows beyond ``MAX_SENTENCES`` ends there."""
+    whole = divide(frames, np.zeros(frames["code"].size, np.int64), before, gsv_first)
+    starts = np.flatnonzero(whole.starts)
+    long = np.flatnonzero(np.diff(np.append(starts, frames["code"].size)) > MAX_SENTENCES)
+    if not long.size:
+        return whole
+    cut = int(starts[long[0]]) + MAX_SENTENCES
+    rest = divide_within_bounds(take(frames, slice(cut, None)), whole.before(cut, before), gsv_first)
+    parts = zip(*((getattr(part, name) for name in _PARTS) for part in (whole, rest)), strict=True)
+    return Division(*(np.concatenate([first[:cut], second]) for first, second in parts))
+
+
+def _comparable(frames: Columns, before: Before) -> tuple[Ints, Bools]:
+    """Times such that those of one epoch are equal; and which had decimals."""
+    tod_ns = frames["tod_ns"].copy()
+    timed = np.flatnonzero(tod_ns != ABSENT_NS)
+    is_fine = frames["tod_places"] > 0
+    fine = timed[is_fine[timed]]
+    coarse = timed[~is_fine[timed]]
+    if coarse.size and (fine.size or before.fine_ns != ABSENT_NS):
+        known = np.concatenate([[before.fine_ns], tod_ns[fine], [ABSENT_NS]])
+        place = np.searchsorted(fine, coarse)
+        own = tod_ns[coarse]
+        for near in (known[place + 1], known[place]):
+            same = (near != ABSENT_NS) & (near // _SECOND_NS == own // _SECOND_NS)
+            tod_ns[coarse] = np.where(same, near, tod_ns[coarse])
+    if timed.size:
+        last = np.append(before.tod_ns, tod_ns[timed[:-1]])
+        late = tod_ns[timed] - np.where(last == ABSENT_NS, tod_ns[timed], last)
+        sent_late = np.isin(frames["code"][timed], _CLOCKS) & (late > 0) & (late < _SENDING_NS)
+        tod_ns[timed[sent_late]] = last[sent_late]
+    return tod_ns, is_fine
+
+
+def _repeated(frames: Columns, repeating: Ints, segment: Ints) -> Bools:
+    """Which sentences say just what the position sentence before them said."""
+    repeated = np.zeros(frames["code"].size, bool)
+    if repeating.size > 1:
+        same = (frames["tod_ns"][repeating[1:]] != ABSENT_NS) & (segment[repeating[1:]] == segment[repeating[:-1]])
+        for name in ("code", "talker", "tod_ns", "lat_deg", "lon_deg"):
+            values = frames[name][repeating]
+            same &= (values[1:] == values[:-1]) | ((values[1:] != values[1:]) & (values[:-1] != values[:-1]))
+        repeated[repeating[1:]] = same
+    return repeated
+
+
+def _open_at_repetition(frames: Columns, repeating: Ints, run: Ints, opens: Bools) -> None:
+    """Open an epoch where a sentence of the epoch comes again within a run of one time."""
+    identity = frames["talker"][repeating] * len(CODES) + frames["code"][repeating]
+    order = np.lexsort((repeating, identity, run[repeating]))
+    ordered = repeating[order]
+    again = np.flatnonzero((identity[order][1:] == identity[order][:-1]) & (run[ordered][1:] == run[ordered][:-1]))
+    candidates = ordered[again + 1]
+    by_place = np.argsort(candidates)
+    start = -1
+    for place, last in zip(candidates[by_place].tolist(), ordered[again][by_place].tolist(), strict=True):
+        if last >= start:
+            opens[place] = True
+            start = place
+
+
+def _with_what_leads(frames: Columns, opening: Ints, anchors: Ints, border: Bools, gsv_first: bool) -> Bools:
+    """Move the start of each epoch back to the sentences without a time that lead its burst."""
+    starts = np.zeros(border.size, bool)
+    place = np.searchsorted(anchors, opening)
+    last_anchor = np.append(-1, anchors)[place]
+    borders = np.flatnonzero(border)
+    first = np.maximum(last_anchor + 1, borders[np.searchsorted(borders, opening, "right") - 1])
+    gsv = np.append(np.flatnonzero(frames["code"] == _GSV), border.size)
+    lead = gsv[np.searchsorted(gsv, first)]
+    after_gsa = (lead > first) & (frames["code"][np.minimum(lead, border.size - 1) - 1] == _GSA)
+    others = np.append(-1, np.flatnonzero((frames["code"] == _GSA) | (frames["code"] == _VTG)))
+    followed = others[np.searchsorted(others, opening) - 1] > lead
+    leads = (lead < opening) & ~after_gsa & (followed | gsv_first)
+    chosen = np.where(leads, lead, opening)
+    stamped = _after_gap(frames["receive_time_ns"], first, opening, border)
+    starts[np.where(stamped >= 0, stamped, chosen)] = True
+    return starts
+
+
+def _after_gap(receive_time_ns: Ints, first: Ints, opening: Ints, border: Bools) -> Ints:
+    """The sentence after the longest gap between stamps from ``first`` to each opening sentence, -1 where there is no clear one."""
+    found = np.full(opening.size, -1)
+    length = opening - first + 1
+    rows = np.flatnonzero(length > 1)
+    if not rows.size or not np.any(receive_time_ns != ABSENT_NS):
+        return found
+    group = np.repeat(np.arange(rows.size), length[rows])
+    place = np.arange(group.size) - np.repeat(np.cumsum(length[rows]) - length[rows], length[rows]) + first[rows][group]
+    known = (receive_time_ns[place] != ABSENT_NS) & (border[place] | (receive_time_ns[place - 1] != ABSENT_NS))
+    gap = np.where(border[place], np.inf, np.where(known, receive_time_ns[place].astype(float) - receive_time_ns[place - 1], -1))
+    order = np.lexsort((gap, group))
+    last = np.searchsorted(group[order], np.arange(rows.size), "right") - 1
+    longest, second = gap[order][last], gap[order][last - 1]
+    unknown = np.bincount(group[~known], minlength=rows.size) > 0
+    clear = ~unknown & (longest > 0) & (longest >= _CLEAR_GAP * np.maximum(second, 0))
+    found[rows[clear]] = place[order][last][clear]
+    return found
