@@ -87,6 +87,8 @@ def convert(
     failed = [outcome for outcome in outcomes if outcome.status == "failed" or (outcome.ledger is None and not outcome.job.walked)]
     for outcome in failed:
         _complain(f"{outcome.job.source}: {outcome.reason}" if len(outcomes) > 1 else str(outcome.reason))
+    for reason in sorted({outcome.reason for outcome in outcomes if outcome.reason and outcome not in failed}):
+        _complain(reason)
     if failed or not any(outcome.ledger for outcome in outcomes):
         raise typer.Exit(1)
 

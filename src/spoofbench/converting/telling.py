@@ -6,7 +6,7 @@ from typing import Any
 from spoofbench.converting.ledger import Ledger
 from spoofbench.converting.many import Outcome
 
-_MARKS = {"not recognised": "not recognised", "failed": "FAILED"}
+_MARKS = {"not recognised": "not recognised", "failed": "failed"}
 
 
 def as_rows(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
@@ -29,8 +29,7 @@ def as_table(outcomes: Sequence[Outcome]) -> list[str]:
     lines = [f"{'rows':>11} {'used %':>7} {'skip %':>7}  recording"]
     for outcome in outcomes:
         if outcome.ledger is None:
-            why = f": {outcome.reason}" if outcome.reason else ""
-            lines.append(f"{'-':>11} {'-':>7} {'-':>7}  {outcome.job.source}: {_MARKS[outcome.status]}{why}")
+            lines.append(f"{'-':>11} {'-':>7} {'-':>7}  {outcome.job.source}: {_MARKS[outcome.status]}")
             continue
         lines.append(f"{outcome.ledger.rows.total():>11,} {_shares(outcome.ledger)}  {outcome.job.target}{_largest_loss(outcome.ledger)}")
     ignored = sorted({name for outcome in outcomes for name in outcome.ignored})

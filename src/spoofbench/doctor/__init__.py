@@ -35,6 +35,7 @@ CHECKS: Sequence[Callable[[Recording], list[Finding]]] = (
     clocks.zones,
     clocks.steps_of_clock,
     clocks.drift,
+    clocks.offsets,
     clocks.early_receipt,
     rates.gaps,
     rates.changes,

@@ -9,6 +9,7 @@ from spoofbench.doctor.finding import Finding, facts, where
 from spoofbench.doctor.gps_time import ROLLOVER_S, SECOND_NS, claimed_gps_s, leap_seconds
 from spoofbench.doctor.motion import Floats, Times
 from spoofbench.recording import Recording, Table
+from spoofbench.report.text import counted
 from spoofbench.schema import SENSOR_KINDS, split_topic
 
 MODIFIED = "modified_ns"
@@ -32,6 +33,8 @@ DRIFT_WARNING, DRIFT_ERROR = 1e-4, 1e-3
 DRIFT_LEAST_S = 120.0
 STEP_S = 0.5
 SLOW_S = 0.05
+HEADER_OFFSET_S = 1.0
+"""Between measurement and recording lie milliseconds; above, two clocks differ."""
 
 
 def rollover(recording: Recording) -> list[Finding]:
@@ -67,7 +70,7 @@ def _evidence(recording: Recording) -> dict[str, dict[str, float]]:
         start_s = min(int(time[0]) for time in times) / 1e9
         said[""] = {}
         modified = facts(recording, "origin").get(MODIFIED, "")
-        if modified.isdigit():
+        if modified.isdecimal() and len(modified) < 20:
             said[""]["the time when the file was last written"] = int(modified) / 1e9 - start_s
         named = _date_in_name(facts(recording, "origin").get("file", ""), start_s)
         if named is not None:
@@ -175,10 +178,12 @@ def steps_of_clock(recording: Recording) -> list[Finding]:
     """Steps of the claimed or logged clock: those that the converter noted, else those against the rows' times."""
     noted = facts(recording, "recording")
     count = noted.get("clock_step_count", "0")
-    if count.isdigit() and int(count):
+    if count.isdecimal() and len(count) < 10 and int(count):
         first = next(iter(_list(noted.get("clock_steps", "[]"))), {})
         step_s = (_number(first.get("to_ns")) - _number(first.get("from_ns"))) / 1e9
-        text = f"the clock that the log claims steps {count} times" + (f", first by {step_s:+.3f} s" if np.isfinite(step_s) else "")
+        text = f"the clock that the log claims makes {counted(int(count), 'step')}" + (
+            f", first by {step_s:+.3f} s" if np.isfinite(step_s) else ""
+        )
         advice = "see recording.clock_steps for where; compare times of week and axis before time matters"
         return [Finding("clock-step", "warning", "", text, advice, int(count))]
     findings = []
@@ -188,7 +193,7 @@ def steps_of_clock(recording: Recording) -> list[Finding]:
         known = np.flatnonzero(np.isfinite(offsets))
         jumps = np.abs(np.diff(offsets[known])) > STEP_S
         if jumps.any():
-            text = f"the GPS time that the receiver claims steps {int(jumps.sum())} times against the rows' times"
+            text = f"the GPS time that the receiver claims makes {counted(int(jumps.sum()), 'step')} against the rows' times"
             advice = "a receiver that was restarted, or an attack on time: look at these epochs"
             findings.append(Finding("clock-step", "warning", topic, text, advice, **where(table.time_ns[known[1:][jumps]])))
     return findings
@@ -216,6 +221,23 @@ def _drift(time_ns: Times, claimed_s: Floats) -> float:
     marks = np.unique(np.linspace(0, times_s.size - 1, 11).astype(int))
     ways = np.diff(times_s[marks])
     return float(np.median(np.diff(claimed[marks])[ways > 0] / ways[ways > 0])) - 1
+
+
+def offsets(recording: Recording) -> list[Finding]:
+    """Offsets between clocks that the converter measured: a host's from GNSS time, message headers' from the recorder's."""
+    findings = []
+    host_s = _float(facts(recording, "recording").get("gnss_minus_clock_ns")) / 1e9
+    if abs(host_s) > STEP_S:
+        text = f"GNSS time is {host_s:+.3f} s from the recording's clock"
+        findings.append(Finding("host-clock", "info", "", text, "do not compare the times with those of other devices"))
+    for name in recording.metadata:
+        offset_s = _float(facts(recording, name).get("header_offset_s"))
+        if name.startswith("source/") and abs(offset_s) > HEADER_OFFSET_S:
+            how = facts(recording, name).get("time", "not said which were used")
+            text = f"the stamps in {name.removeprefix('source/')}'s messages are {offset_s:+,.3f} s from the recorder's ({how})"
+            advice = "a lag to the other sensors may be left: see imu-lag"
+            findings.append(Finding("header-offset", "warning", "", text, advice))
+    return findings
 
 
 def early_receipt(recording: Recording) -> list[Finding]:
@@ -251,6 +273,13 @@ def _list(text: str) -> list[dict[str, object]]:
     except ValueError:
         return []
     return [item for item in found if isinstance(item, dict)] if isinstance(found, list) else []
+
+
+def _float(text: str | None) -> float:
+    try:
+        return float(text or "nan")
+    except ValueError:
+        return np.nan
 
 
 def _number(value: object) -> float:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from spoofbench.doctor.finding import Finding, where
 from spoofbench.doctor.motion import Floats, Steps, runs, speed, steps
 from spoofbench.recording import Recording, Table
+from spoofbench.report.text import counted
 
 NULL_ISLAND_DEG = 0.01
 MOVING_MPS = 1.0
@@ -102,7 +103,7 @@ def jumping(recording: Recording) -> list[Finding]:
             said = (
                 f"where the receiver says {way.speed_mps[largest]:.1f} m/s" if np.isfinite(way.speed_mps[largest]) else "with no speed said"
             )
-            text = f"{int(jump.sum())} jumps, the largest {size_m:,.0f} m in {way.dt_s[largest]:.3g} s {said}"
+            text = f"{counted(int(jump.sum()), 'jump')}, the largest {size_m:,.0f} m in {way.dt_s[largest]:.3g} s {said}"
             advice = "look whether the fix was lost, two receivers are mixed, or an attack begins or ends there"
             severity = "error" if size_m > GRAVE_JUMP_M else "warning"
             ends = table.time_ns[way.next_rows[jump]]
@@ -133,7 +134,7 @@ def heights(recording: Recording) -> list[Finding]:
             most = np.where(np.isfinite(fall[1:]), JUMP_FACTOR * np.fmax(fall[1:], fall[:-1]) + JUMP_MARGIN_MPS, HEIGHT_RATE_MPS)
             jump = (np.abs(rise) > HEIGHT_JUMP_M) & (np.abs(rise) > most * dt_s)
             if jump.any():
-                text = f"{name} jumps {int(jump.sum())} times, by {float(rise[np.argmax(np.abs(rise) * jump)]):+,.0f} m at the most"
+                text = f"{counted(int(jump.sum()), 'jump')} of {name}, by {float(rise[np.argmax(np.abs(rise) * jump)]):+,.0f} m at the most"
                 advice = "look at the fix type there: a 2D fix holds its height, a first fix has none"
                 findings.append(Finding("height-jump", "warning", topic, text, advice, **where(table.time_ns[rows[1:]][jump])))
                 break

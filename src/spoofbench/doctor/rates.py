@@ -5,6 +5,7 @@ import numpy as np
 from spoofbench.doctor.finding import Finding, where
 from spoofbench.doctor.motion import Floats, Times, runs
 from spoofbench.recording import Recording
+from spoofbench.report.text import counted
 from spoofbench.schema import split_topic
 
 REGULAR = ("imu", "gnss/pvt", "mag", "baro", "ins/pva")
@@ -18,6 +19,9 @@ GRAVE_SHARE, GRAVE_GAP_S = 0.01, 10.0
 
 BLOCK = 25
 """Intervals whose median is one reading of the rate."""
+
+SLIGHT_SHARE, SLIGHT_GAP_S = 1e-3, 1.0
+"""Below both there is nothing to say: a lost sample of a fast sensor."""
 
 CHANGE_FACTOR, LASTING_SHARE = 1.5, 0.05
 """A rate is another one from half as much again, for a twentieth of the time."""
@@ -38,11 +42,12 @@ def gaps(recording: Recording) -> list[Finding]:
         long = steps > GAP_FACTOR * _local_median(steps)
         missing_s = float((steps[long] - median).sum()) / 1e9
         longest_s = float(steps.max()) / 1e9
-        if not long.any():
+        share = missing_s * 1e9 / float(times[-1] - times[0])
+        if not long.any() or (share < SLIGHT_SHARE and longest_s < SLIGHT_GAP_S):
             continue
-        grave = missing_s > GRAVE_SHARE * float(times[-1] - times[0]) / 1e9 or longest_s > GRAVE_GAP_S
+        grave = share > GRAVE_SHARE or longest_s > GRAVE_GAP_S
         usual = f"the longest {longest_s:.3g} s where rows come every {median / 1e9:.3g} s"
-        text = f"{int(long.sum())} gaps, {missing_s:.1f} s without rows, {usual}"
+        text = f"{counted(int(long.sum()), 'gap')}, {missing_s:.1f} s without rows, {usual}"
         advice = "count these epochs as unavailable, and look whether the log was cut"
         findings.append(Finding("rate-gap", "warning" if grave else "info", topic, text, advice, **where(times[1:][long])))
     return findings

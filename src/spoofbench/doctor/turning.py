@@ -10,16 +10,16 @@ import numpy as np
 
 from spoofbench.doctor.finding import Finding
 from spoofbench.doctor.inertial import ACCEL, GYRO
-from spoofbench.doctor.motion import Floats, course, speed, steps, wrapped
+from spoofbench.doctor.motion import Floats, Steps, course, speed, steps, wrapped
 from spoofbench.recording import Recording, Table
 
 SLOWEST_MPS = 2.5
-SLOWEST_TRACKED_MPS = 4.0
-"""For a course from positions alone, whose noise is larger."""
-
 LONGEST_STEP_S = 3.0
+LEG_M, LONGEST_LEG_S, CREEPING_MPS = 6.0, 8.0, 0.7
+"""A course from positions alone needs some metres, in a few seconds, and no standing still."""
+
 LEAST_TURN_RAD = 0.02
-LEAST_STEPS = 30
+LEAST_STEPS = 20
 LEAST_TURNED_RAD = 2.0
 """Turned in sum, there has to be something to compare."""
 
@@ -98,18 +98,30 @@ def _unit(topic: str, correlation: float, scale: float) -> list[Finding]:
 
 def _turns(pvt: Table, origin_ns: int) -> _Turns | None:
     """Return the receiver's turns by its course, or else by its positions; None where it does not turn enough."""
-    said, rate = course(pvt), speed(pvt)
-    usable = np.isfinite(said) & (rate > SLOWEST_MPS)
+    said, usable = course(pvt), speed(pvt) > SLOWEST_MPS
     times_s = (pvt.time_ns - origin_ns) / 1e9
-    if usable.sum() < LEAST_STEPS:
-        way = steps(pvt)
-        usable = (way.way_m > SLOWEST_TRACKED_MPS * way.dt_s) & (way.dt_s <= LONGEST_STEP_S)
-        said, times_s = np.arctan2(way.east_m, way.north_m), (way.start_ns - origin_ns) / 1e9 + way.dt_s / 2
-    both = usable[:-1] & usable[1:] & (np.diff(times_s) <= LONGEST_STEP_S)
+    longest_s = LONGEST_STEP_S
+    if (np.isfinite(said) & usable).sum() < LEAST_STEPS:
+        said, times_s = _tracked(steps(pvt), origin_ns)
+        usable, longest_s = np.isfinite(said), 2 * LONGEST_LEG_S
+    both = usable[:-1] & usable[1:] & np.isfinite(np.diff(said)) & (np.diff(times_s) <= longest_s)
     turn = wrapped(np.diff(said))[both]
     if both.sum() < LEAST_STEPS or np.abs(turn[np.abs(turn) > LEAST_TURN_RAD]).sum() < LEAST_TURNED_RAD:
         return None
     return _Turns(times_s[:-1][both], times_s[1:][both], turn)
+
+
+def _tracked(way: Steps, origin_ns: int) -> tuple[Floats, Floats]:
+    """Return bearings of legs between positions some metres apart, rad, NaN where a leg took long, and their middle times, s."""
+    gone_m = np.cumsum(np.where(way.way_m > CREEPING_MPS * way.dt_s, way.way_m, 0.0))
+    if gone_m.size < LEAST_STEPS:
+        return np.zeros(0), np.zeros(0)
+    marks = np.unique(np.searchsorted(gone_m, np.arange(0.0, float(gone_m[-1]), LEG_M)))
+    north_m, east_m = np.cumsum(way.north_m), np.cumsum(way.east_m)
+    ends_s = (way.start_ns - origin_ns) / 1e9 + way.dt_s
+    north_m, east_m, ends_s = np.diff(north_m[marks]), np.diff(east_m[marks]), ends_s[marks]
+    clear = (np.hypot(north_m, east_m) > LEG_M / 2) & (np.diff(ends_s) < LONGEST_LEG_S)
+    return np.where(clear, np.arctan2(east_m, north_m), np.nan), (ends_s[1:] + ends_s[:-1]) / 2
 
 
 def _heading(imu: Table) -> tuple[Floats, Floats]:

@@ -132,10 +132,10 @@ def _direction(topic: str, what: str, code: str, said: Floats, bearing: Floats, 
             return [Finding(code, "error", topic, text, f"convert again: {mistake}", count)]
     if length > AGREEING:
         text = f"{what} is turned by {np.degrees(offset):+.0f} degrees against the way of the positions"
-        return [Finding(code, "warning", topic, text, "find out whether it is a heading, or magnetic", count)]
+        return [Finding("course-disagrees", "warning", topic, text, "find out whether it is a heading, or magnetic", count)]
     if length < AGREEING - 0.3:
         text = f"{what} has little to do with the way of the positions (agreement {length:.2f} of 1)"
-        return [Finding(code, "warning", topic, text, "do not use both together", count)]
+        return [Finding("course-disagrees", "warning", topic, text, "do not use both together", count)]
     return []
 
 
