@@ -1,0 +1,190 @@
+"""A log's bytes, each given to one owner: UBX frames, sentences, RTCM 3 messages, or a reject.
+
+A scan goes from left to right. At each byte the first valid thing wins: a whole UBX frame, sentence or RTCM 3 message
+whose checksum is right, as :mod:`spoofbench_converters.stream.frames` describes them; else one byte is skipped. So a
+false start, a sentence within another, or a false length never costs a valid frame behind it. The checksum option
+says what becomes of sentences without a checksum, or with a wrong one.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.converting import Rejects
+from spoofbench_converters.stream import frames, skipped
+from spoofbench_converters.stream.contract import ABSENT_NS, Frames
+from spoofbench_converters.stream.frames import Candidates, Checksum, Octets, Places
+from spoofbench_converters.stream.stamps import MAX_STAMP, Stamps
+
+PIECE_BYTES = 4 * 2**20
+RTCM = "RTCM 3 message: nothing in the schema"
+
+_REACH = frames.MAX_FRAME + 4 * MAX_STAMP
+"""How far behind the start of a frame there may be what decides on it and on its line, in bytes."""
+
+_UBX, _SENTENCE, _RTCM3 = range(3)
+_LF, _CR, _COMMA = b"\n\r,"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """What a piece of a log holds: frames by protocol and rejects, and the offset in the log up to which all is told."""
+
+    ubx: Frames
+    nmea: Frames
+    rejects: list[Rejects]
+    end: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Edge:
+    """Whether a piece starts with a line, and whether right after a frame."""
+
+    line: bool
+    frame: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Owned:
+    """Frames in the order of the log, and the extents ``[first, last)`` with what stands beside them."""
+
+    protocols: NDArray[np.int64]
+    starts: Places
+    ends: Places
+    first: Places
+    last: Places
+    receive_time_ns: Places
+
+    def of(self, protocol: int, octets: Octets, base: int) -> Frames:
+        mine = self.protocols == protocol
+        starts, used = self.starts[mine], (self.last - self.first)[mine]
+        return Frames(octets, starts, self.ends[mine] - starts, base, used, self.receive_time_ns[mine])
+
+
+def demultiplex(stream: IO[bytes], stamps: Stamps, checksum: Checksum = "required", piece_bytes: int = PIECE_BYTES) -> Iterator[Piece]:
+    """Yield a log's frames and rejects; what they are does not depend on the size of the pieces that are read."""
+    base, edge, known, more = 0, _Edge(line=True, frame=True), b"", True
+    while more:
+        new = _read(stream, piece_bytes)
+        more, known = len(new) == piece_bytes, known + new
+        if known and (not more or len(known) > _REACH):
+            octets = np.frombuffer(known, np.uint8)
+            candidates = _candidates(octets, octets.size - _REACH if more else octets.size, checksum)
+            owned = _owned(octets, candidates, edge, stamps)
+            told = int(max(octets.size - _REACH - MAX_STAMP, owned.last.max(initial=0))) if more else octets.size
+            rejects, kept = _rejects(octets, base, (owned, candidates), (told, more), edge)
+            yield Piece(owned.of(_UBX, octets, base), owned.of(_SENTENCE, octets, base), rejects, base + kept)
+            if kept:
+                edge = _Edge(bool(octets[kept - 1] in (_LF, _CR)), bool(np.any(owned.last == kept)))
+            base, known = base + kept, known[kept:]
+
+
+def _read(stream: IO[bytes], size: int) -> bytes:
+    """Return the next bytes of a stream, fewer than asked for only at its end."""
+    pieces, missing = [], size
+    while missing and (piece := stream.read(missing)):
+        pieces.append(piece)
+        missing -= len(piece)
+    return b"".join(pieces)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """Candidates of all protocols in the order of their starts, and which of them a scan takes."""
+
+    protocols: NDArray[np.int64]
+    candidates: Candidates
+    taken: NDArray[np.bool_]
+
+
+def _candidates(octets: Octets, limit: int, checksum: Checksum) -> _Found:
+    """Find what starts before a limit."""
+    found = [frames.ubx(octets), frames.sentences(octets, checksum), frames.rtcm3(octets)]
+    starts = np.concatenate([each.starts for each in found])
+    before = np.flatnonzero(starts < limit)
+    order = before[np.argsort(starts[before], kind="stable")]
+    protocols = np.repeat([_UBX, _SENTENCE, _RTCM3], [each.starts.size for each in found])[order]
+    ends, verdicts = (np.concatenate([getattr(each, name) for each in found])[order] for name in ("ends", "verdicts"))
+    candidates = Candidates(starts[order], ends, verdicts)
+    return _Found(protocols, candidates, frames.chosen(candidates))
+
+
+def _owned(octets: Octets, found: _Found, edge: _Edge, stamps: Stamps) -> _Owned:
+    """Give the frames that a scan takes what stands beside them."""
+    protocols, starts, ends = found.protocols[found.taken], found.candidates.starts[found.taken], found.candidates.ends[found.taken]
+    first, last, times = starts.copy(), ends.copy(), np.full(starts.size, ABSENT_NS)
+    mine = np.flatnonzero(protocols == _SENTENCE)
+    if mine.size:
+        last[mine], times[mine] = _behind(octets, ends[mine], stamps)
+        before = np.append(0, last[:-1])[mine]
+        first[mine], leading = _ahead(octets, starts[mine], before, edge, stamps)
+        times[mine] = np.where(times[mine] == ABSENT_NS, leading, times[mine])
+    return _Owned(protocols, starts, ends, first, last, times)
+
+
+def _behind(octets: Octets, ends: Places, stamps: Stamps) -> tuple[Places, Places]:
+    """Return where the lines of sentences end, with a time that stands there or on the next line, and these times."""
+    last, times = frames.line_ends(octets, ends), np.full(ends.size, ABSENT_NS)
+    following = np.minimum(last, octets.size - 1)
+    odd = np.flatnonzero((last < octets.size) & ((last == ends) | (octets[following] == _COMMA)))
+    if odd.size:
+        line_stops = _stops(octets, last[odd])
+        understood, told = stamps.after(octets, last[odd], line_stops)
+        understood &= (last[odd] == ends[odd]) | (told != ABSENT_NS)
+        last[odd[understood]] = frames.line_ends(octets, line_stops[understood])
+        times[odd[understood]] = told[understood]
+    return last, times
+
+
+def _ahead(octets: Octets, starts: Places, before: Places, edge: _Edge, stamps: Stamps) -> tuple[Places, Places]:
+    """Return where sentences start with what a logger wrote before them, and the times that this tells."""
+    first, times = starts.copy(), np.full(starts.size, ABSENT_NS)
+    previous = octets[np.maximum(starts - 1, 0)]
+    odd = np.flatnonzero((starts > before) & (previous != _LF) & (previous != _CR))
+    if odd.size:
+        breaks = np.append(-1, np.flatnonzero((octets == _LF) | (octets == _CR)))
+        begins = np.maximum(before[odd], breaks[np.searchsorted(breaks, starts[odd]) - 1] + 1)
+        understood, told = stamps.before(octets, begins, starts[odd])
+        understood &= (begins > 0) | edge.line | edge.frame
+        first[odd[understood]], times[odd[understood]] = begins[understood], told[understood]
+    return first, times
+
+
+def _stops(octets: Octets, places: Places) -> Places:
+    """Return where the line of each place ends, line end excluded."""
+    breaks = np.append(np.flatnonzero((octets == _LF) | (octets == _CR)), octets.size)
+    return breaks[np.searchsorted(breaks, places)]
+
+
+def _rejects(octets: Octets, base: int, what: tuple[_Owned, _Found], until: tuple[int, bool], edge: _Edge) -> tuple[list[Rejects], int]:
+    """Return the rejects up to a place, and how far they go: one that may go on behind it is left to the next piece."""
+    (owned, found), (end, more) = what, until
+    starts, ends = np.append(0, owned.last), np.append(owned.first, end)
+    gaps = starts[starts < ends], ends[starts < ends]
+    rtcm = owned.starts[owned.protocols == _RTCM3], (owned.ends - owned.starts)[owned.protocols == _RTCM3]
+    rejects = [Rejects(rtcm[0] + base, rtcm[1], RTCM)] if rtcm[0].size else []
+    if not gaps[0].size:
+        return rejects, end
+    starts, ends, reasons = skipped.divide(octets, gaps, _marks(octets, found), edge.line)
+    if more and ends[-1] == end:
+        end, starts, ends, reasons = int(starts[-1]), starts[:-1], ends[:-1], reasons[:-1]
+    return rejects + skipped.rejects(base, starts, ends, reasons), end
+
+
+def _marks(octets: Octets, found: _Found) -> skipped.Marks:
+    """Return where damage starts; a sentence's only where an address begins, for in binary data ``$A`` is frequent."""
+    damaged = found.candidates.verdicts != frames.VALID
+    starts, verdicts = found.candidates.starts[damaged], found.candidates.verdicts[damaged]
+    is_ubx = found.protocols[damaged] == _UBX
+    reasons = np.where(is_ubx, _UBX_REASONS[verdicts], _SENTENCE_REASONS[verdicts])
+    address = octets.take(starts[:, None] + np.arange(2, 5), mode="clip")
+    capital, digit = address - np.uint8(ord("A")) < 26, address - np.uint8(ord("0")) < 10
+    plausible = is_ubx | (capital | digit).all(axis=1)
+    return skipped.Marks(starts[plausible], reasons[plausible])
+
+
+_UBX_REASONS = np.array([-1, skipped.UBX_WRONG, -1, -1, skipped.UBX_CUT])
+_SENTENCE_REASONS = np.array([-1, skipped.WRONG, skipped.MISSING, skipped.BROKEN, skipped.BROKEN])
