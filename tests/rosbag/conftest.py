@@ -13,8 +13,8 @@ from rosbags.typesys.store import Typestore
 from spoofbench_converters import rosbag
 from spoofbench_converters.rosbag import aspn23
 
-from spoofbench.converting import Block, Facts, Reject, Source
-from spoofbench.recording import Recording, Table
+from spoofbench.converting import Block, Facts, Reject, Rejects, Source
+from spoofbench.recording import Column, Recording, Table
 
 START_NS = 1_700_000_000_000_000_000
 Message = tuple[str, str, int, Any]
@@ -111,22 +111,31 @@ def maker(typestore: Typestore, tmp_path: Path) -> Maker:
 
 def _convert(path: Path, **options: Any) -> Result:
     tables: dict[str, list[Table]] = {}
-    rejects, used, metadata = [], 0, {}
-    head = path.read_bytes()[:64] if path.is_file() else b""
-    for item in rosbag.convert(Source(path, head), rosbag.Options(**options)):
+    rejects: list[Reject] = []
+    used, metadata = 0, {}
+    for item in rosbag.convert(Source.of(path), rosbag.Options(**options)):
         if isinstance(item, Block):
             tables.setdefault(item.topic, []).append(item.table)
             used += item.used
         elif isinstance(item, Reject):
             rejects.append(item)
+        elif isinstance(item, Rejects):
+            rejects += [Reject(offset, length, item.reason) for offset, length in zip(item.offsets, item.lengths, strict=True)]
         elif isinstance(item, Facts):
-            metadata = dict(item.metadata)
+            for name, record in item.metadata.items():
+                metadata[name] = {**metadata.get(name, {}), **record}
     return Result(Recording({topic: _joined(parts) for topic, parts in tables.items()}, metadata), rejects, used)
 
 
 def _joined(parts: Sequence[Table]) -> Table:
-    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    columns = {name: _column(parts, name) for name in parts[0]}
     return Table(parts[0].kind.name, np.concatenate([part.time_ns for part in parts]), columns)
+
+
+def _column(parts: Sequence[Table], name: str) -> Any:
+    if parts[0].kind.fields[name].category == "text":
+        return [word for part in parts for word in part.words(name)]
+    return Column(np.concatenate([part[name] for part in parts]), np.concatenate([part.valid(name) for part in parts]))
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from spoofbench_converters.rosbag import pages, reading
+from spoofbench_converters.rosbag import pages, slabs, sqlite_log
 from spoofbench_converters.rosbag.pages import Pages, Unusual
 
 from spoofbench.converting import Reject
@@ -93,7 +93,7 @@ class Content:
 def content(path: Path) -> Content:
     result = Content()
     try:
-        log = reading.Bag(path)
+        log = sqlite_log.SqliteLog(path)
         with closing(log):
             for slab in log.slabs(WANTED):
                 _add(result, slab)
@@ -103,7 +103,7 @@ def content(path: Path) -> Content:
     return result
 
 
-def _add(result: Content, slab: reading.Slab | Reject) -> None:
+def _add(result: Content, slab: slabs.Slab | Reject) -> None:
     if isinstance(slab, Reject):
         result.rejects.append(slab)
         return
@@ -129,7 +129,7 @@ def _unusual(*_: Any) -> Iterator[Any]:
 
 def by_pages_alone(path: Path) -> Content:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reading.Bag, "_by_queries", _refuse)
+        patch.setattr(sqlite_log.SqliteLog, "_by_queries", _refuse)
         return content(path)
 
 

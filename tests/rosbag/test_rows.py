@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spoofbench_converters.rosbag import aspn23, attitude, reading, streams
+from spoofbench_converters.rosbag import aspn23, attitude, sqlite_log, streams
 
 START_NS = 1_700_000_000_000_000_000
 SECOND_NS = 1_000_000_000
@@ -39,8 +39,8 @@ def test_slabs_do_not_matter(maker: Any, convert_bag: Callable[..., Any], monkey
     path = maker.bag(maker.session())
     whole = convert_bag(path)
     for slab, fetched in ((1, 1), (37, 5), (400, 512)):
-        monkeypatch.setattr(reading, "SLAB_MESSAGES", slab)
-        monkeypatch.setattr(reading, "FETCHED_MESSAGES", fetched)
+        monkeypatch.setattr(sqlite_log, "SLAB_MESSAGES", slab)
+        monkeypatch.setattr(sqlite_log, "FETCHED_MESSAGES", fetched)
         cut = convert_bag(path)
         assert dict(cut.recording) == dict(whole.recording)
         assert cut.recording.metadata == whole.recording.metadata

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Block, Columns, Facts, Reject
-from spoofbench_converters.rosbag import attitude, cdr
-from spoofbench_converters.rosbag.cdr import Definitions
-from spoofbench_converters.rosbag.family import Options, Refusal
-from spoofbench_converters.rosbag.reading import Topic
+from spoofbench.converting import Block, Columns, Facts, Reject, Rejects
+from spoofbench.converting.ordering import take
+from spoofbench_converters.rosbag import attitude
+from spoofbench_converters.rosbag.definitions import Definitions, parse
+from spoofbench_converters.rosbag.family import Options, Refusal, in_bag_order, refused
+from spoofbench_converters.rosbag.layouts import Group
+from spoofbench_converters.rosbag.slabs import Payloads, Topic
 from spoofbench_converters.rosbag.streams import ImuStream, PvaStream, PvtStream
 
 _PACKAGE = "aspn23_ros_interfaces/msg/"
@@ -59,7 +61,7 @@ def definitions() -> Definitions:
     """Return the definitions of all types of the family."""
     parsed: dict[str, Any] = {}
     for name, text in _DEFINITIONS.items():
-        parsed.update(cdr.parse(text, name))
+        parsed.update(parse(text, name))
     return parsed
 
 
@@ -94,8 +96,22 @@ class Aspn23:
         if reference:
             self._streams[reference] = PvaStream("", reference)
 
-    def columns(self, topic: Topic, rows: NDArray[Any]) -> tuple[Columns, Sequence[Refusal]]:
+    def take(self, topic: Topic, groups: Sequence[Group], payloads: Payloads) -> Iterator[Block | Reject | Rejects]:
         """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        pieces = []
+        for group in groups:
+            columns, refusals = self._columns(topic, group.rows)
+            columns |= {"record": payloads.records[group.index], "receive_time_ns": payloads.stamps_ns[group.index]}
+            if self._options.time == "recorder":
+                columns["time_ns"] = columns["receive_time_ns"]
+            kept, given = refused(refusals, columns["record"], topic.name)
+            yield from given
+            pieces.append(columns if kept.all() else take(columns, kept))
+        if pieces:
+            yield from self._streams[topic.name].push(topic.name, in_bag_order(pieces))
+
+    def _columns(self, topic: Topic, rows: NDArray[Any]) -> tuple[Columns, Sequence[Refusal]]:
+        """Return what messages of one layout say; the columns of a topic are the same for all layouts."""
         columns: Columns = {"time_ns": rows["time_of_validity.elapsed_nsec"]}
         if topic.type == IMU:
             return columns | _imu(rows), [(rows["imu_type"] > _SAMPLED, "the IMU type is neither integrated nor sampled")]
@@ -118,17 +134,13 @@ class Aspn23:
             refusals.append(((np.abs(values[0]) > 90) | (np.abs(values[1]) > 360), "the position is not on the globe"))
         return columns, refusals
 
-    def push(self, topic: Topic, columns: Columns) -> Iterator[Block | Reject]:
-        """See :class:`spoofbench_converters.rosbag.family.Session`."""
-        return self._streams[topic.name].push(topic.name, columns)
-
-    def settle(self) -> Iterator[Block | Reject]:
+    def settle(self) -> Iterator[Block | Reject | Rejects]:
         """See :class:`spoofbench_converters.rosbag.family.Session`."""
         for stream in dict.fromkeys(self._streams.values()):
             if isinstance(stream, PvtStream):
                 yield from stream.settle()
 
-    def finish(self) -> Iterator[Block | Reject | Facts]:
+    def finish(self) -> Iterator[Block | Reject | Rejects | Facts]:
         """See :class:`spoofbench_converters.rosbag.family.Session`."""
         about: dict[str, dict[str, str]] = {}
         for stream in dict.fromkeys(self._streams.values()):

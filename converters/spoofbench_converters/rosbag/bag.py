@@ -1,121 +1,329 @@
-"""ROS 2 bags in SQLite: where the database is, and how it is opened."""
+"""A bag of any kind: which files it consists of, and their messages one file after the other."""
 
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
-from urllib.parse import quote
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import IO, Any, Protocol
 
 import apsw
 
-from spoofbench.errors import ConversionError
+from spoofbench.converting import Reject, Source
+from spoofbench.errors import ConversionError, SpoofbenchError
+from spoofbench_converters.rosbag import mcap_log, ros1_log, sqlite_log
+from spoofbench_converters.rosbag.packed import unpacked_messages
+from spoofbench_converters.rosbag.slabs import Log, Slab, Topic
 
-SQLITE_MAGIC = b"SQLite format 3\0"
-MAX_MESSAGE_BYTES = 16_384
 MAX_METADATA_BYTES = 4_194_304
-BUSY_MS = 2000
+MAX_FILES = 10_000
+METADATA = "metadata.yaml"
+_ABOUT = "rosbag2_bagfile_information"
+_HEAD_BYTES = 4096
+_COPIED_BYTES = 1 << 20
+_MESSAGE_PACKINGS = ("", "zstd")
 
-_WAL = 2  # bytes 18 and 19 of the header: the file format's write and read version
+
+class _Named(Protocol):
+    """A file of a folder or an archive, or the source itself."""
+
+    @property
+    def path(self) -> Path: ...
+
+    def open(self) -> IO[bytes]: ...
 
 
 @dataclass(frozen=True, slots=True)
 class Location:
-    """Where a bag's database is, and how many messages its metadata declare (None: not said)."""
+    """Where a bag is.
 
-    database: Path
-    declared: int | None
+    Attributes:
+        files: in their order; None for one that is missing.
+        counts: how many messages its metadata declare for each, 0 where they do not say.
+        declared: how many messages they declare in all, 0 where they do not say.
+        packing: of each message by itself: empty or ``zstd``.
+    """
+
+    files: tuple[_Named | None, ...]
+    counts: tuple[int, ...]
+    declared: int = 0
+    packing: str = ""
 
 
-def locate(path: Path) -> Location:
-    """Return the database of a bag folder, or of a bare ``.db3``.
+def surety(source: Source) -> float:
+    """Return 1 for a bag of any kind by its content, less for an MCAP file of nobody in particular, 0 for anything else."""
+    if source.head:
+        if source.is_archive:
+            return float(_holds_bag(source)) * 0.9
+        return _head_surety(source)
+    return float(_holds_bag(source)) if source.path.is_dir() else 0.0
+
+
+def locate(source: Source) -> Location:
+    """Return the files of a bag folder, of an archive with one, or the lone file.
 
     Raises:
-        ConversionError: a kind of bag that cannot be read yet, or no bag at all.
+        ConversionError: no bag, or a kind that cannot be read.
     """
-    if path.is_file():
-        with path.open("rb") as file:
-            head = file.read(16)
-        if head != SQLITE_MAGIC:
-            raise ConversionError(f"{path.name!r} is {_what(head)}, which cannot be converted yet; give a ROS 2 bag in SQLite")
-        return Location(path, None)
-    about = _metadata(path / "metadata.yaml")
-    storage, files = about.get("storage_identifier"), about.get("relative_file_paths")
-    # What is printed or turned to text must be text: a few nested aliases stand for gigabytes.
-    if not all(isinstance(word, str | None) for word in (storage, about.get("compression_mode"))):
-        raise ConversionError(f"the bag {path.name!r} does not say in words how it is stored")
-    if about.get("compression_mode") not in (None, "", "none", "NONE"):
-        raise ConversionError(f"the bag {path.name!r} is compressed ({about['compression_mode']!r}); decompress it with `ros2 bag convert`")
-    if storage != "sqlite3":
-        raise ConversionError(f"the bag {path.name!r} is stored as {storage!r}, which cannot be converted yet; store it as 'sqlite3'")
-    if not isinstance(files, list) or len(files) != 1:
-        count = len(files) if isinstance(files, list) else 0
-        raise ConversionError(f"the bag {path.name!r} is split into {count} files; merge it with `ros2 bag convert`")
-    if not isinstance(files[0], str):
-        raise ConversionError(f"the bag {path.name!r} does not name its database")
-    database = path / Path(files[0]).name
-    if not database.is_file():
-        raise ConversionError(f"the bag {path.name!r} lacks its database {database.name!r}")
+    if not source.path.is_dir() and not source.is_archive:
+        return Location((source,), (0,))
+    members = source.members()
+    name = min((name for name in members if PurePosixPath(name).name == METADATA), key=lambda name: name.count("/"), default=None)
+    if name is None:
+        found = _bags_among(members)
+        if not found:
+            raise ConversionError(f"{source.path.name!r} holds no bag")
+        return Location(tuple(found), (0,) * len(found))
+    return _described(source.path.name, members, name)
+
+
+def _described(bag: str, members: Mapping[str, Any], name: str) -> Location:
+    """Return the files that a bag's metadata name."""
+    about = _metadata(bag, members[name])
+    mode, packing, names = about.get("compression_mode"), about.get("compression_format"), about.get("relative_file_paths")
+    if not isinstance(names, list) or not 0 < len(names) <= MAX_FILES or not all(isinstance(word, str) for word in names):
+        raise ConversionError(f"the bag {bag!r} does not name its files")
+    by_message = isinstance(mode, str) and mode.lower() == "message"
+    if by_message and packing not in _MESSAGE_PACKINGS:
+        raise ConversionError(f"the messages of the bag {bag!r} are packed by {str(packing)[:16]!r}; only zstd can be unpacked")
+    folder = PurePosixPath(name).parent
+    files = []
+    for word in names:
+        plain = str(folder / PurePosixPath(word).name)
+        # The names of packed files are noted with or without their ending, by version.
+        files.append(next((members[found] for found in (plain, f"{plain}.zstd", plain.removesuffix(".zstd")) if found in members), None))
+    if not any(files):
+        raise ConversionError(f"the bag {bag!r} lacks its file {PurePosixPath(names[0]).name!r}")
     declared = about.get("message_count")
-    return Location(database, declared if isinstance(declared, int) else None)
+    return Location(tuple(files), _counts(about, len(names)), declared if isinstance(declared, int) else 0, "zstd" if by_message else "")
 
 
-def is_bag(path: Path) -> bool:
-    """Whether a database has the tables of a bag, or a folder the metadata of one."""
-    if path.is_dir():
-        try:
-            with (path / "metadata.yaml").open("rb") as file:
-                return b"rosbag2_bagfile_information" in file.read(4096)
-        except OSError:
-            return False
-    try:
-        with closing(connect(path)) as database:
-            return tables(database) >= {"topics", "messages"}
-    except (apsw.Error, UnicodeDecodeError):
-        return False
+def _counts(about: Mapping[str, Any], files: int) -> tuple[int, ...]:
+    entries = about.get("files")
+    if not isinstance(entries, list) or len(entries) != files:
+        return (0,) * files
+    counts = [entry.get("message_count") if isinstance(entry, dict) else 0 for entry in entries]
+    return tuple(count if isinstance(count, int) else 0 for count in counts)
 
 
-def connect(path: Path) -> apsw.Connection:
-    """Open a database read-only, leaving no trace beside it.
-
-    Raises:
-        apsw.Error: it cannot be opened.
-    """
-    with path.open("rb") as file:
-        head = file.read(20)
-    write_ahead = Path(f"{path}-wal")
-    settled = head[18:19] == bytes([_WAL]) and not (write_ahead.exists() and write_ahead.stat().st_size)
-    # A settled write-ahead database is opened as immutable: else SQLite creates files beside it.
-    uri = f"file:{quote(str(path.resolve()))}?mode=ro{'&immutable=1' if settled else ''}"
-    database = apsw.Connection(uri, flags=apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI)
-    database.set_busy_timeout(BUSY_MS)
-    database.limit(apsw.SQLITE_LIMIT_LENGTH, MAX_MESSAGE_BYTES)
-    # Tables alone are read, no code in the schema runs, and a file shorter than its header says opens nevertheless.
-    for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "writable_schema=ON"):
-        database.execute(f"PRAGMA {pragma}")
-    return database
-
-
-def tables(database: apsw.Connection) -> set[str]:
-    """Return the names of the tables, views left out."""
-    return {row[0] for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-
-
-def _metadata(path: Path) -> dict[str, Any]:
+def _metadata(bag: str, member: Any) -> dict[str, Any]:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
+    with member.open() as file:
+        text = file.read(MAX_METADATA_BYTES + 1)
+    if len(text) > MAX_METADATA_BYTES:
+        raise ConversionError(f"{METADATA!r} of the bag {bag!r} is larger than {MAX_METADATA_BYTES:,} bytes")
     try:
-        if path.stat().st_size > MAX_METADATA_BYTES:
-            raise ConversionError(f"{path.name!r} of the bag {path.parent.name!r} is larger than {MAX_METADATA_BYTES:,} bytes")
-        content = YAML(typ="safe").load(path.read_text("utf-8"))
-        about = content["rosbag2_bagfile_information"]
-    except (OSError, UnicodeDecodeError, YAMLError, KeyError, TypeError, RecursionError) as error:
-        raise ConversionError(f"{path.name!r} of the bag {path.parent.name!r} cannot be read: {type(error).__name__}") from error
+        about = YAML(typ="safe").load(text.decode("utf-8"))[_ABOUT]
+    except (UnicodeDecodeError, YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ConversionError(f"{METADATA!r} of the bag {bag!r} cannot be read: {type(error).__name__}") from error
     if not isinstance(about, dict):
-        raise ConversionError(f"{path.name!r} of the bag {path.parent.name!r} does not describe a bag")
+        raise ConversionError(f"{METADATA!r} of the bag {bag!r} does not describe a bag")
     return about
 
 
-def _what(head: bytes) -> str:
-    known = {b"#ROSBAG": "a ROS 1 bag", b"\x89MCAP0": "an MCAP file", b"\x28\xb5\x2f\xfd": "a compressed file"}
-    return next((name for magic, name in known.items() if head.startswith(magic)), "no SQLite database")
+def _head_surety(source: Source) -> float:
+    if source.head.startswith(b"#ROSBAG"):
+        return 1.0
+    if source.head.startswith(mcap_log.MAGIC):
+        profile = source.head[len(mcap_log.MAGIC) + 13 :][:4]
+        return 1.0 if profile in (b"ros1", b"ros2") else 0.5 * (b"ros2msg" in source.head or b"ros1msg" in source.head)
+    if not source.head.startswith(sqlite_log.MAGIC):
+        return 0.0
+    if _is_plain(source, sqlite_log.MAGIC):
+        return float(_is_bag_database(source.path))
+    return float(b"CREATE TABLE messages" in source.head and b"CREATE TABLE topics" in source.head)
+
+
+def _is_bag_database(path: Path) -> bool:
+    try:
+        with closing(sqlite_log.connect(path)) as database:
+            return sqlite_log.tables(database) >= {"topics", "messages"}
+    except (apsw.Error, OSError, UnicodeDecodeError):
+        return False
+
+
+def _holds_bag(source: Source) -> bool:
+    """Whether a folder or an archive holds the metadata of a bag, or files of a bag and nothing else of size."""
+    try:
+        members = source.members()
+        for name, member in members.items():
+            if PurePosixPath(name).name == METADATA and _ABOUT.encode() in _head(member):
+                return True
+        return len(members) <= MAX_FILES and bool(_bags_among(members))
+    except SpoofbenchError:
+        return False
+
+
+def _bags_among(members: Mapping[str, Any]) -> list[Any]:
+    """Return the files of a bag whose metadata are missing: all of one kind, ``<name>_<number>``; none if there is anything else."""
+    suffixes = {suffix for name in members for suffix in PurePosixPath(name).suffixes[:1]}
+    if suffixes not in ({".db3"}, {".mcap"}, {".bag"}) or len({PurePosixPath(name).parent for name in members}) != 1:
+        return []
+    numbered = {}
+    for name, member in members.items():
+        stem = PurePosixPath(name).name.partition(".")[0]
+        base, _, number = stem.rpartition("_")
+        numbered[(base, int(number)) if number.isascii() and number.isdigit() else (stem, 0)] = member
+    if len({base for base, _ in numbered}) != 1 or not _head(next(iter(members.values()))).startswith((b"SQLite", b"\x89MCAP", b"#ROSBAG")):
+        return []
+    return [numbered[key] for key in sorted(numbered)]
+
+
+def _head(member: Any) -> bytes:
+    try:
+        with member.open() as file:
+            return bytes(file.read(_HEAD_BYTES))
+    except (OSError, SpoofbenchError):
+        return b""
+
+
+def _is_plain(file: _Named, magic: bytes) -> bool:
+    """Whether the file on the disk is what :meth:`open` gives, not packed."""
+    if getattr(file, "info", None) is not None:
+        return False
+    with file.path.open("rb") as raw:
+        return raw.read(len(magic)) == magic
+
+
+class Bag:
+    """An open bag.
+
+    Attributes:
+        topics: all topics of all files.
+        records: how many messages were met so far, lost ones included.
+        expected: how many messages it says that it has, 0 where it does not say.
+    """
+
+    def __init__(self, location: Location) -> None:
+        """Look into the files.
+
+        Raises:
+            ConversionError: none can be read.
+        """
+        self.records, self.expected = 0, location.declared
+        self._location = location
+        self._numbers: dict[tuple[str, str, str, str], int] = {}
+        self._failures: dict[int, str] = {}
+        self._open: _File | None = None
+        topics: list[Topic] = []
+        for place, named in enumerate(location.files):
+            try:
+                file = _File(named)
+            except SpoofbenchError as error:
+                if len(location.files) == 1:
+                    raise
+                self._failures[place] = str(error)
+                continue
+            topics += [self._number(topic) for topic in file.log.topics]
+            if len(location.files) == 1:
+                self._open, self.expected = file, location.declared or file.log.expected
+            else:
+                file.close()
+        if len(self._failures) == len(location.files):
+            raise ConversionError(next(iter(self._failures.values())))
+        self.topics: Sequence[Topic] = tuple({topic.number: topic for topic in topics}.values())
+
+    def _number(self, topic: Topic) -> Topic:
+        key = (topic.name, topic.type, topic.encoding, topic.definition)
+        return replace(topic, number=self._numbers.setdefault(key, len(self._numbers)))
+
+    def close(self) -> None:
+        """Let go of the files."""
+        if self._open is not None:
+            self._open.close()
+
+    def slabs(self, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
+        """Yield all messages in bag order; of the topics that are not wanted, only how many there are."""
+        for place, named in enumerate(self._location.files):
+            if place in self._failures:
+                count = self._location.counts[place] or 1
+                yield Reject(self.records, count, f"a file of the bag cannot be read: {self._failures[place]}")
+                self.records += count
+                continue
+            file = self._open = self._open or _File(named)
+            yield from self._slabs_of(file.log, wanted)
+            file.close()
+            self._open = None
+
+    def _slabs_of(self, log: Log, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
+        base = self.records
+        numbers = {topic.number: self._number(topic).number for topic in log.topics}
+        for item in log.slabs(frozenset(number for number, mine in numbers.items() if mine in wanted)):
+            if isinstance(item, Reject):
+                yield replace(item, offset=item.offset + base)
+            else:
+                if self._location.packing:
+                    item = unpacked_messages(item)
+                yield _renumbered(item, numbers, base)
+            self.records = base + log.records
+        self.records = base + log.records
+
+
+def _renumbered(slab: Slab, numbers: Mapping[int, int], base: int) -> Slab:
+    """Return a file's slab as one of the bag: topics by their numbers there, records after those of the files before."""
+    if not base and all(number == mine for number, mine in numbers.items()):
+        return slab
+    wanted = {numbers[number]: replace(payloads, records=payloads.records + base) for number, payloads in slab.wanted.items()}
+    others = {numbers.get(number, -1 - number): (count, first + base) for number, (count, first) in slab.others.items()}
+    rejects = [
+        replace(reject, offset=reject.offset + base) if isinstance(reject, Reject) else replace(reject, offsets=reject.offsets + base)
+        for reject in slab.rejects
+    ]
+    return Slab(wanted, others, rejects)
+
+
+class _File:
+    """One file of a bag, unpacked to a temporary place where it is packed."""
+
+    def __init__(self, file: _Named | None) -> None:
+        """Open a file.
+
+        Raises:
+            ConversionError: it is missing, or no bag.
+        """
+        if file is None:
+            raise ConversionError("it is missing")
+        self._temporary: Path | None = None
+        with file.open() as stream:
+            head = stream.read(_HEAD_BYTES)
+            kind = next((opener for magic, opener in _KINDS.items() if head.startswith(magic)), None)
+            if kind is None:
+                raise ConversionError(f"{file.path.name!r} is no bag: neither a ROS 1 bag, nor an SQLite database, nor an MCAP file")
+            path = file.path if _is_plain(file, head[:16]) else self._unpacked(head, stream)
+        try:
+            self.log: Log = kind(path)
+        except BaseException:
+            self._remove()
+            raise
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self.log.close()
+        self._remove()
+
+    def _unpacked(self, head: bytes, stream: IO[bytes]) -> Path:
+        handle, name = tempfile.mkstemp(prefix="spoofbench-", suffix=".bag")
+        self._temporary = Path(name)
+        try:
+            with os.fdopen(handle, "wb") as copy:
+                piece = head
+                while piece:
+                    copy.write(piece)
+                    piece = stream.read(_COPIED_BYTES)
+        except OSError as error:
+            self._remove()
+            raise ConversionError(f"there is no room to unpack the bag in {tempfile.gettempdir()!r}: {error.strerror}") from error
+        except SpoofbenchError:
+            # What was unpacked before the damage is a bag that was cut off.
+            return self._temporary
+        return self._temporary
+
+    def _remove(self) -> None:
+        if self._temporary is not None:
+            self._temporary.unlink(missing_ok=True)
+
+
+_KINDS: dict[bytes, Any] = {b"#ROSBAG": ros1_log.Ros1Log, mcap_log.MAGIC: mcap_log.McapLog, sqlite_log.MAGIC: sqlite_log.SqliteLog}

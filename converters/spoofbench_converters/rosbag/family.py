@@ -1,15 +1,17 @@
-"""What a family of messages gives the rosbag converter: definitions, columns, and topics of a recording."""
+"""Between the bag and the messages of a family: options, what messages say, and the session that takes them."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Block, Columns, Facts, Reject
-from spoofbench_converters.rosbag.cdr import Definitions
-from spoofbench_converters.rosbag.reading import Topic
+from spoofbench.converting import Block, Columns, Facts, Reject, Rejects
+from spoofbench.converting.ordering import take
+from spoofbench_converters.rosbag import slabs
+from spoofbench_converters.rosbag.layouts import Group
+from spoofbench_converters.rosbag.slabs import Payloads, Topic
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,21 +19,32 @@ class Options:
     """Options of the rosbag converter.
 
     Attributes:
-        definitions: folder of ``.msg`` definitions, which go before those that the converter knows.
-        time: the rows' time: the messages' own time of validity, or the recorder's stamps.
-        reference: topic of the independent reference; ``auto`` takes the first position-velocity-attitude
+        definitions: folder of ``.msg`` definitions, which go before those that the bag has or the converter knows.
+        mapping: TOML file, or name of a ready mapping, that says what messages of other types hold.
+        time: the rows' time: the messages' own time of validity (their header's stamp), or the recorder's stamps.
+        source: topic of the one receiver, IMU, ... to convert; else all are.
+        velocity: topic of a receiver's velocity in east, north and up (a twist); ``auto`` takes one that stands beside a
+            receiver's position and is called so, ``none`` takes none.
+        odometer: topic of wheel odometry; ``auto`` takes those that are called so, ``none`` takes none.
+        reference: topic of the independent reference of a bag in ASPN-23; ``auto`` takes the first position-velocity-attitude
             topic of a device that gives neither the inertial nor the GNSS topics, ``none`` takes none.
         attitude: frames of a quaternion: ``ned-frd`` as ASPN-23 declares it, ``enu-rfu``, or ``auto``,
             which is ``enu-rfu`` for devices known to send that.
         imu_interval_s: over which integrated inertial rows are integrated; else found from their times.
+        date: day (YYYY-MM-DD) of NMEA sentences that give none.
         session: name of the session that the log belongs to.
     """
 
     definitions: str | None = None
+    mapping: str | None = None
     time: Literal["validity", "recorder"] = "validity"
+    source: str | None = None
+    velocity: str = "auto"
+    odometer: str = "auto"
     reference: str = "auto"
     attitude: Literal["auto", "ned-frd", "enu-rfu"] = "auto"
     imu_interval_s: float | None = None
+    date: str | None = None
     session: str | None = None
 
     def __post_init__(self) -> None:
@@ -43,44 +56,71 @@ Refusal = tuple[NDArray[np.bool_], str]
 """Which messages cannot be used, and why."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """Rows of one kind that messages give.
+
+    Attributes:
+        kind: of the schema.
+        columns: fields of the kind, ``(m,)`` each: numbers as float64, NaN where absent, texts empty where absent.
+        message: place of each row's message, ascending, ``(m,)``; None: one row per message.
+    """
+
+    kind: str
+    columns: Columns
+    message: NDArray[np.intp] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Said:
+    """What messages of one layout say.
+
+    Attributes:
+        parts: rows by kind.
+        stamp_ns: the messages' own time, ``(n,)``; None where they have none.
+        refusals: messages that cannot be used.
+    """
+
+    parts: Sequence[Part]
+    stamp_ns: NDArray[np.int64] | None = None
+    refusals: Sequence[Refusal] = field(default_factory=tuple)
+
+
 class Session(Protocol):
     """A family at work on one bag."""
 
-    def columns(self, topic: Topic, rows: NDArray[Any]) -> tuple[Columns, Sequence[Refusal]]:
-        """Return what messages of one layout say, ``time_ns`` (their own time) among it, and which are refused.
-
-        The columns of a topic are the same for all layouts.
-        """
+    def take(self, topic: Topic, groups: Sequence[Group], payloads: Payloads) -> Iterator[Block | Reject | Rejects]:
+        """Take a topic's next messages, by layout; ``Group.index`` counts within ``payloads``."""
         ...
 
-    def push(self, topic: Topic, columns: Columns) -> Iterator[Block | Reject]:
-        """Take a topic's next rows, in bag order; they bear ``time_ns``, ``receive_time_ns`` and ``record`` besides."""
-        ...
-
-    def settle(self) -> Iterator[Block | Reject]:
+    def settle(self) -> Iterator[Block | Reject | Rejects]:
         """Give what is complete, now that all topics were read equally far."""
         ...
 
-    def finish(self) -> Iterator[Block | Reject | Facts]:
+    def finish(self) -> Iterator[Block | Reject | Rejects | Facts]:
         """Give what is still held, and the metadata."""
         ...
 
 
-class Family(Protocol):
-    """One module per family of messages."""
-
-    TYPES: frozenset[str]
-
-    def definitions(self) -> Definitions:
-        """Return the definitions of all types of the family."""
-        ...
-
-    def open(self, topics: Sequence[Topic], options: Options) -> Session:
-        """Return a session for those of the bag's topics that are of the family's types."""
-        ...
-
-
-def rejects(columns: Mapping[str, NDArray[Any]], reason: str) -> Iterator[Reject]:
+def rejects(columns: Mapping[str, NDArray[Any]], reason: str) -> Iterator[Rejects]:
     """Yield one reject per row."""
-    for record in columns["record"].tolist() if columns else ():
-        yield Reject(record, 1, reason)
+    if columns and columns["record"].size:
+        yield slabs.rejects(columns["record"], reason)
+
+
+def refused(refusals: Sequence[Refusal], records: NDArray[np.int64], topic: str) -> tuple[NDArray[np.bool_], list[Rejects]]:
+    """Return which messages are left, and the rejects: a message is refused for the first reason that applies."""
+    kept, given = np.ones(records.size, bool), []
+    for mask, reason in refusals:
+        if (mask & kept).any():
+            given.append(slabs.rejects(records[mask & kept], f"{topic}: {reason}"))
+        kept &= ~mask
+    return kept, given
+
+
+def in_bag_order(pieces: Sequence[Columns]) -> Columns:
+    """Return the rows of pieces with the same columns by ``record``; rows of one record keep their order."""
+    if len(pieces) == 1:
+        return pieces[0]
+    columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    return take(columns, np.argsort(columns["record"], kind="stable"))

@@ -15,10 +15,9 @@ import apsw
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench_converters.rosbag.bag import MAX_MESSAGE_BYTES
-from spoofbench_converters.rosbag.cdr import windows
+from spoofbench_converters.rosbag.layouts import windows
+from spoofbench_converters.rosbag.slabs import MAX_MESSAGE_BYTES, SLAB_BYTES
 
-SLAB_BYTES = 16_777_216
 FIRST_KEY, LAST_KEY = -(2**63), 2**63 - 1
 
 _TABLE = b"CREATE TABLE messages ( id INTEGER PRIMARY KEY , topic_id INTEGER NOT NULL , timestamp INTEGER NOT NULL , data BLOB NOT NULL )"

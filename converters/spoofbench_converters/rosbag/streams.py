@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from spoofbench.converting import Block, Columns, InOrder, Reject
+from spoofbench.converting import Block, Columns, InOrder, Reject, Rejects
 from spoofbench.converting.ordering import join, take
 from spoofbench.recording import Table
 from spoofbench.schema import KINDS, topic_of
@@ -31,7 +31,7 @@ class ImuStream:
         self._waiting: Columns = {}
         self._order = InOrder()
 
-    def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject]:
+    def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject | Rejects]:
         """Take the next rows in bag order; the first thousand wait until the interval is known from them."""
         del topic
         if self._interval_s is None:
@@ -41,7 +41,7 @@ class ImuStream:
             self._interval_s, self._waiting = nominal_interval_s(columns), {}
         yield from self._blocks(*self._order.push(columns))
 
-    def finish(self) -> Iterator[Block | Reject]:
+    def finish(self) -> Iterator[Block | Reject | Rejects]:
         """Give what is held."""
         if self._waiting:
             self._interval_s = nominal_interval_s(self._waiting)
@@ -54,7 +54,7 @@ class ImuStream:
         interval = {} if self._interval_s is None else {"interval_s": repr(self._interval_s), "interval_basis": basis}
         return {"topic": self.topics[0], "axes": "frd", **interval}
 
-    def _blocks(self, ready: Columns, refused: Columns) -> Iterator[Block | Reject]:
+    def _blocks(self, ready: Columns, refused: Columns) -> Iterator[Block | Reject | Rejects]:
         yield from rejects(refused, f"{BACKWARDS} in {self.topics[0]}")
         if not ready or not ready["time_ns"].size:
             return
@@ -90,12 +90,12 @@ class PvaStream:
         self.source, self.topics = source, (topic,)
         self._order = InOrder()
 
-    def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject]:
+    def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject | Rejects]:
         """Take the next rows in bag order."""
         del topic
         yield from self._blocks(*self._order.push(columns))
 
-    def finish(self) -> Iterator[Block | Reject]:
+    def finish(self) -> Iterator[Block | Reject | Rejects]:
         """Give what is held."""
         yield from self._blocks(*self._order.flush())
 
@@ -105,7 +105,7 @@ class PvaStream:
             return {"topic": self.topics[0], "solution": "fused"}
         return {"topic": self.topics[0], "basis": "a device that gives neither the inertial nor the GNSS topics, or as the options say"}
 
-    def _blocks(self, ready: Columns, refused: Columns) -> Iterator[Block | Reject]:
+    def _blocks(self, ready: Columns, refused: Columns) -> Iterator[Block | Reject | Rejects]:
         yield from rejects(refused, f"{BACKWARDS} in {self.topics[0]}")
         if ready and ready["time_ns"].size:
             yield block(self.source, "ins/pva" if self.source else "reference/pva", ready)
@@ -127,17 +127,17 @@ class PvtStream:
         self._waiting: dict[str, Columns] = {side: {} for side in self._present}
         self._latest_ns: dict[str, int] = {}
 
-    def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject]:
+    def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject | Rejects]:
         """Take one side's next rows in bag order."""
         yield from self._take(self._side[topic], *self._order[self._side[topic]].push(columns))
 
-    def settle(self) -> Iterator[Block | Reject]:
+    def settle(self) -> Iterator[Block | Reject | Rejects]:
         """Give the epochs that are complete, now that both sides were read equally far."""
         if self._latest_ns:
             both = min(self._latest_ns.values()) if len(self._latest_ns) == len(self._present) else 0
             yield from self._join(max(both, max(self._latest_ns.values()) - JOIN_NS))
 
-    def finish(self) -> Iterator[Block | Reject]:
+    def finish(self) -> Iterator[Block | Reject | Rejects]:
         """Give what is held."""
         for side in self._present:
             yield from self._take(side, *self._order[side].flush())
@@ -152,7 +152,7 @@ class PvtStream:
             "solution_basis": "positions and velocities without attitude",
         }
 
-    def _take(self, side: str, ready: Columns, refused: Columns) -> Iterator[Reject]:
+    def _take(self, side: str, ready: Columns, refused: Columns) -> Iterator[Rejects]:
         yield from rejects(refused, f"{BACKWARDS} in the {side} of {self._device}")
         if ready and ready["time_ns"].size:
             self._waiting[side] = join(self._waiting[side], ready)
@@ -182,7 +182,7 @@ def outer_join(first: Columns, second: Columns) -> Columns:
     places = np.split(inverse.reshape(-1), [len(keys[0])])
     joined: Columns = {"time_ns": epochs[:, 0]}
     for part, place in zip((first, second), places, strict=True):
-        for name in part.keys() - {"time_ns", "record", "receive_time_ns"}:
+        for name in part.keys() - {"time_ns", "record", "receive_time_ns", "units"}:
             joined[name] = np.full(len(epochs), np.nan)
             joined[name][place] = part[name]
     received = np.full(len(epochs), np.iinfo(np.int64).min)

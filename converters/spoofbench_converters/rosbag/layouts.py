@@ -1,39 +1,34 @@
-"""CDR messages to numpy: a message's byte layout is walked once and laid over all messages that share it.
+"""Serialised messages to numpy: a message's byte layout is walked once and laid over all messages that share it.
 
-Plain CDR (Object Management Group, CORBA 3.0, chapter 15.3), as ROS 2 writes it: four bytes of
-encapsulation, then the fields in order, each scalar aligned to its size from there; a sequence is a
-4-byte count and its elements, a string a 4-byte length and its bytes with a closing zero.
+ROS 2: plain CDR (Object Management Group, CORBA 3.0, chapter 15.3): four bytes of encapsulation, then the fields in
+order, each scalar aligned to its size from there; a sequence is a 4-byte count and its elements, a string a 4-byte
+length and its bytes with a closing zero. ROS 1: the same without encapsulation, alignment and closing zero, little-endian.
 """
 
 import struct
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.errors import ConversionError
-
-if TYPE_CHECKING:
-    from rosbags.interfaces.typing import Typesdict
+from spoofbench_converters.rosbag.definitions import Definitions
 
 MAX_FIELDS = 4096
 MAX_LAYOUTS = 8
-MAX_DEFINITION_BYTES = 1_048_576
+KNOWN_LAYOUTS = 64
+ENCODINGS = frozenset({"cdr", "ros1"})
 _ENCAPSULATIONS = {b"\x00\x00": ">", b"\x00\x01": "<"}
+_MAX_DEPTH = 16
+_MAX_STEPS = 65_536
 _TAIL_BYTES = 3  # some writers pad to four bytes
 _SCALARS = {
     "bool": "u1", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
     "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 
-Definitions = Mapping[str, tuple[Any, Sequence[tuple[str, Any]]]]
-"""Constants and fields by message type, as rosbags parses them."""
 
-
-class CdrError(Exception):
+class LayoutError(Exception):
     """A message that cannot be decoded, and why."""
 
 
@@ -52,57 +47,20 @@ class Group:
     rows: NDArray[Any]
 
 
-def parse(text: str, name: str) -> "Typesdict":
-    """Return the definitions in a ``.msg`` text of a type ``package/msg/Type``.
-
-    Raises:
-        ConversionError: it is not a message definition.
-    """
-    from rosbags.typesys import TypesysError, get_types_from_msg
-
-    try:
-        return get_types_from_msg(text, name)
-    except TypesysError as error:
-        raise ConversionError(f"the definition of {name!r} cannot be parsed: {error}") from error
-
-
-def read_folder(folder: Path, types: Sequence[str]) -> Definitions:
-    """Return the definitions in a folder's ``.msg`` files.
-
-    A file is ``<package>/msg/<Type>.msg`` or ``<package>/<Type>.msg`` somewhere below the folder,
-    ``<package>__<Type>.msg``, or ``<Type>.msg`` for each package among ``types``.
-
-    Raises:
-        ConversionError: the folder has none, or one of them cannot be parsed.
-    """
-    packages = sorted({name.partition("/")[0] for name in types})
-    definitions: dict[str, Any] = {}
-    for path in sorted(folder.rglob("*.msg")):
-        if path.stat().st_size > MAX_DEFINITION_BYTES:
-            raise ConversionError(f"the definition {path.name!r} is larger than {MAX_DEFINITION_BYTES:,} bytes")
-        text = path.read_text("utf-8", errors="replace")
-        package, _, name = path.stem.rpartition("__")
-        parent = path.parent.parent if path.parent.name == "msg" else path.parent
-        owners = [package] if package else [parent.name] if parent.name in packages or parent != folder else packages
-        for owner in owners:
-            definitions.update(parse(text, f"{owner}/msg/{name}"))
-    if not definitions:
-        raise ConversionError(f"the folder of definitions {str(folder)!r} holds no .msg file")
-    return definitions
-
-
 class Decoder:
     """Decodes messages of one type; a layout that was walked once serves as long as messages have it.
 
     Args:
         name: the type.
         types: definitions of that type and those within it.
+        encoding: ``cdr`` or ``ros1``.
     """
 
-    def __init__(self, name: str, types: Definitions) -> None:
+    def __init__(self, name: str, types: Definitions, encoding: str = "cdr") -> None:
         self._name = name
         self._types = types
-        self._known: dict[int, _Layout] = {}
+        self._encoding = encoding
+        self._known: dict[int, list[_Layout]] = {}
 
     def decode(self, octets: NDArray[np.uint8], starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> tuple[list[Group], list[Failure]]:
         """Return all messages by layout, and each that cannot be decoded.
@@ -120,7 +78,7 @@ class Decoder:
                 first = int(starts[index[0]])
                 try:
                     layout = self._layout(octets[first : first + length].tobytes())
-                except CdrError as error:
+                except LayoutError as error:
                     failures.append((int(index[0]), str(error)))
                     index = index[1:]
                     continue
@@ -133,10 +91,16 @@ class Decoder:
         return groups, failures
 
     def _layout(self, message: bytes) -> "_Layout":
-        known = self._known.get(len(message))
-        if known is None or not known.fits(np.frombuffer(message, known.dtype))[0]:
-            known = self._known[len(message)] = _walk(message, self._name, self._types)
-        return known
+        known = self._known.setdefault(len(message), [])
+        for layout in known:
+            if layout.fits(np.frombuffer(message, layout.dtype))[0]:
+                return layout
+        layout = _walk(message, self._name, self._types, self._encoding)
+        known.insert(0, layout)
+        del known[MAX_LAYOUTS:]
+        if len(self._known) > KNOWN_LAYOUTS:
+            del self._known[next(iter(self._known))]
+        return layout
 
 
 def windows(octets: NDArray[np.uint8], length: int) -> NDArray[np.void]:
@@ -149,9 +113,11 @@ class _Layout:
     """Byte layout under construction: fields with their offsets, and the counts that hold it together."""
 
     message: bytes
-    order: str
     types: Definitions
-    at: int = 4
+    order: str = "<"
+    aligned: bool = False
+    at: int = 0
+    steps: int = 0
     names: list[str] = field(default_factory=list)
     formats: list[Any] = field(default_factory=list)
     offsets: list[int] = field(default_factory=list)
@@ -160,12 +126,14 @@ class _Layout:
 
     def close(self) -> None:
         """Make the dtype of a whole message."""
-        names, formats, offsets = ["encapsulation", *self.names], ["S2", *self.formats], [0, *self.offsets]
+        names, formats, offsets = self.names, self.formats, self.offsets
+        if self.aligned:
+            names, formats, offsets = ["#", *names], ["S2", *formats], [0, *offsets]
         self.dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(self.message)})
 
     def fits(self, rows: NDArray[Any]) -> NDArray[np.bool_]:
         """Which messages have the encapsulation and the counts of the one that was walked."""
-        same = np.asarray(rows["encapsulation"] == self.message[:2])
+        same = np.asarray(rows["#"] == self.message[:2]) if self.aligned else np.ones(rows.size, bool)
         for name, value in self.counts.items():
             same &= rows[name] == value
         return same
@@ -173,14 +141,14 @@ class _Layout:
     def place(self, name: str, code: str, shape: tuple[int, ...] = (), align: int | None = None) -> int:
         """Add one field at the next aligned place; return its offset."""
         item = np.dtype(code)
-        size = align or item.itemsize
-        self.at += -(self.at - 4) % size
+        if self.aligned:
+            self.at += -(self.at - 4) % (align or item.itemsize)
         offset = self.at
         self.at += item.itemsize * int(np.prod(shape))
         if self.at > len(self.message):
-            raise CdrError("the message is shorter than its definition")
+            raise LayoutError("the message is shorter than its definition")
         if len(self.names) >= MAX_FIELDS:
-            raise CdrError(f"the message has more than {MAX_FIELDS} fields")
+            raise LayoutError(f"the message has more than {MAX_FIELDS} fields")
         self.names.append(name)
         self.formats.append((item, shape) if shape else item)
         self.offsets.append(offset)
@@ -192,38 +160,45 @@ class _Layout:
         value: int = struct.unpack_from(f"{self.order}I", self.message, offset)[0]
         self.counts[f"{name}#"] = value
         if value > len(self.message) - self.at:
-            raise CdrError(f"the field {name!r} is longer than the message")
+            raise LayoutError(f"the field {name!r} is longer than the message")
         return value
 
 
-def _walk(message: bytes, name: str, types: Definitions) -> _Layout:
-    order = _ENCAPSULATIONS.get(message[:2])
-    if order is None:
-        raise CdrError(f"the encapsulation is not plain CDR but 0x{message[:2].hex()}")
-    layout = _Layout(message, order, types)
-    _walk_type(layout, "", name)
-    if len(message) - layout.at > _TAIL_BYTES:
-        raise CdrError("the message is longer than its definition")
+def _walk(message: bytes, name: str, types: Definitions, encoding: str) -> _Layout:
+    layout = _Layout(message, types)
+    if encoding == "cdr":
+        order = _ENCAPSULATIONS.get(message[:2])
+        if order is None:
+            raise LayoutError("the encapsulation is not plain CDR")
+        layout.order, layout.aligned, layout.at = order, True, 4
+    _walk_type(layout, "", name, 0)
+    if len(message) - layout.at > (_TAIL_BYTES if layout.aligned else 0):
+        raise LayoutError("the message is longer than its definition")
     layout.close()
     return layout
 
 
-def _walk_type(layout: _Layout, prefix: str, name: str) -> None:
+def _walk_type(layout: _Layout, prefix: str, name: str, depth: int) -> None:
+    if depth > _MAX_DEPTH:
+        raise LayoutError(f"the definition of {name!r} contains itself")
     if name not in layout.types:
-        raise CdrError(f"no definition of {name!r}")
+        raise LayoutError(f"no definition of {name!r}")
     fields = layout.types[name][1]
     if not fields:
-        raise CdrError(f"the definition of {name!r} has no fields")
+        raise LayoutError(f"the definition of {name!r} has no fields")
     for field_name, description in fields:
-        _walk_field(layout, f"{prefix}{field_name}", description)
+        _walk_field(layout, f"{prefix}{field_name}", description, depth)
 
 
-def _walk_field(layout: _Layout, path: str, description: Any) -> None:
+def _walk_field(layout: _Layout, path: str, description: Any, depth: int) -> None:
     from rosbags.interfaces import Nodetype
 
+    layout.steps += 1
+    if layout.steps > _MAX_STEPS:
+        raise LayoutError(f"the message has more than {_MAX_STEPS:,} fields")
     kind, inner = description
     if kind == Nodetype.NAME:
-        _walk_type(layout, f"{path}.", inner)
+        _walk_type(layout, f"{path}.", inner, depth + 1)
     elif kind == Nodetype.BASE:
         _walk_base(layout, path, inner[0], None)
     else:
@@ -233,13 +208,15 @@ def _walk_field(layout: _Layout, path: str, description: Any) -> None:
             _walk_base(layout, path, element[1][0], length)
         else:
             for place in range(length):
-                _walk_field(layout, f"{path}.{place}", element)
+                _walk_field(layout, f"{path}.{place}", element, depth)
 
 
 def _walk_base(layout: _Layout, path: str, base: str, length: int | None) -> None:
     if base == "string":
-        layout.place(path, f"S{max(layout.count(path), 1)}", align=1)
+        length_in_bytes = layout.count(path)
+        if length_in_bytes:
+            layout.place(path, f"S{length_in_bytes}", align=1)
     elif base not in _SCALARS:
-        raise CdrError(f"the field {path!r} is of the type {base!r}, which cannot be decoded")
+        raise LayoutError(f"the field {path!r} is of the type {base!r}, which cannot be decoded")
     elif length != 0:
         layout.place(path, f"{layout.order}{_SCALARS[base]}", () if length is None else (length,))

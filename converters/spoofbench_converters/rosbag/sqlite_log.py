@@ -1,86 +1,43 @@
-"""Messages of a bag in bag order, by topic, read around damage.
+"""ROS 2 bags in SQLite: messages in bag order, by topic, read around damage.
 
 The pages of a sound bag are read as arrays (see :mod:`spoofbench_converters.rosbag.pages`). What follows the first page
 that is unusual or damaged is read by queries: rows are fetched some hundreds at a time and their payloads joined by topic.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from itertools import compress, islice
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import apsw
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Reject
+from spoofbench.converting import Reject, Rejects
 from spoofbench.errors import ConversionError
-from spoofbench_converters.rosbag.bag import MAX_MESSAGE_BYTES, connect, tables
-from spoofbench_converters.rosbag.pages import FIRST_KEY, LAST_KEY, Cells, Pages, Unusual
+from spoofbench_converters.rosbag.definitions import normal_name
+from spoofbench_converters.rosbag.pages import FIRST_KEY, LAST_KEY, Pages, Unusual
+from spoofbench_converters.rosbag.slabs import MAX_MESSAGE_BYTES, SLAB_MESSAGES, Messages, Payloads, Slab, Topic, slab_of
 
-SLAB_MESSAGES = 16_384
+MAGIC = b"SQLite format 3\0"
 FETCHED_MESSAGES = 512
+BUSY_MS = 2000
+
+_WAL = 2  # bytes 18 and 19 of the header: the file format's write and read version
 
 # What is of another type than a bag's is not even read: text need not be text.
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics WHERE typeof(id) = 'integer' ORDER BY id"
+_DEFINITIONS = "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
+_MAX_TOPICS = 4096
 _MESSAGES = """SELECT id, CASE typeof(topic_id) WHEN 'integer' THEN topic_id END, CASE typeof(timestamp) WHEN 'integer' THEN timestamp END,
     CASE WHEN topic_id IN ({wanted}) AND typeof(data) = 'blob' THEN data END FROM messages WHERE id > ? ORDER BY id"""
 
 _Row = tuple[Any, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """One topic of a bag; ``number`` is its key in the bag."""
-
-    number: int
-    name: str
-    type: str
-    encoding: str
-
-
-@dataclass(frozen=True, slots=True)
-class Payloads:
-    """Successive messages of one topic.
-
-    Attributes:
-        octets: bytes among which theirs lie.
-        starts: where each starts, ``(n,)``.
-        lengths: bytes of each, ``(n,)``.
-        records: ordinal of each in the bag, ``(n,)``.
-        stamps_ns: when the recorder got each, ``(n,)``.
-    """
-
-    octets: NDArray[np.uint8]
-    starts: NDArray[np.int64]
-    lengths: NDArray[np.int64]
-    records: NDArray[np.int64]
-    stamps_ns: NDArray[np.int64]
-
-
-@dataclass(slots=True)
-class Slab:
-    """Successive messages of a bag.
-
-    Attributes:
-        wanted: messages by number of the wanted topics.
-        others: how many messages each other topic has, and the ordinal of its first.
-        rejects: messages whose row is not as it must be.
-    """
-
-    wanted: dict[int, Payloads] = field(default_factory=dict)
-    others: dict[int, tuple[int, int]] = field(default_factory=dict)
-    rejects: list[Reject] = field(default_factory=list)
-
-
-class Bag:
-    """An open bag.
-
-    Attributes:
-        topics: all topics.
-        records: how many messages were met so far, lost ones included.
-    """
+class SqliteLog:
+    """An open database; see :class:`spoofbench_converters.rosbag.slabs.Log`."""
 
     def __init__(self, path: Path) -> None:
         """Open a database read-only.
@@ -95,29 +52,45 @@ class Bag:
             self._database.execute("BEGIN")  # one state of the bag is read, whoever writes to it
             if not tables(self._database) >= {"topics", "messages"}:
                 raise ConversionError(f"{path.name!r} is an SQLite database, but no ROS 2 bag: it lacks the tables 'topics' and 'messages'")
-            rows: list[Any] = self._database.execute(_TOPICS).fetchall()
+            rows: list[Any] = list(islice(self._database.execute(_TOPICS), _MAX_TOPICS))
         except (apsw.Error, UnicodeDecodeError) as error:
             raise ConversionError(f"the bag {path.name!r} cannot be read: {error}") from error
-        self.topics = tuple(Topic(int(row[0]), *map(str, row[1:])) for row in rows)
+        texts = self._definitions()
+        self.topics = tuple(
+            Topic(number, str(name), normal_name(str(kind)), str(encoding), *texts.get(kind, ("", "")))
+            for number, name, kind, encoding in rows
+        )
 
     def close(self) -> None:
         """Close the database."""
         self._database.close()
 
-    def highest_id(self) -> int:
-        """Return the highest message key: in an undamaged bag, the number of messages; 0 where it cannot be read."""
+    @property
+    def expected(self) -> int:
+        """The highest message key: in an undamaged bag, the number of messages; 0 where it cannot be read."""
         try:
             rows: list[Any] = self._database.execute("SELECT max(id) FROM messages").fetchall()
         except apsw.Error:
             return 0
         return int(rows[0][0] or 0)
 
+    def _definitions(self) -> dict[Any, tuple[str, str]]:
+        """Return the definitions that bags have since ROS 2 Iron, and their format, by type."""
+        if "message_definitions" not in tables(self._database):
+            return {}
+        try:
+            rows: list[Any] = list(islice(self._database.execute(_DEFINITIONS), _MAX_TOPICS))
+        except (apsw.Error, UnicodeDecodeError):
+            return {}
+        return {kind: (str(text), str(form)) for kind, text, form in rows}
+
     def slabs(self, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
         """Yield all messages in bag order; of the topics that are not wanted, only how many there are."""
         last = FIRST_KEY
         try:
             for cells in Pages(self._database).cells(wanted):
-                yield _slab(cells, self.records, wanted)
+                messages = Messages(cells.octets, cells.topics, cells.stamps_ns, cells.starts, cells.lengths)
+                yield slab_of(messages, self.records, wanted)
                 self.records += cells.keys.size
                 last = int(cells.keys[-1])
         except (Unusual, apsw.Error):
@@ -153,7 +126,7 @@ class Bag:
         reason = f"the database is damaged here ({failure})"
         if isinstance(failure, apsw.TooBigError):
             reason = f"a message has more than {MAX_MESSAGE_BYTES:,} bytes"
-        highest = self.highest_id()
+        highest = self.expected
         following = self._next_readable(query, last + 1, highest)
         if following is None:
             reason += "; nothing after it can be read"
@@ -228,7 +201,7 @@ class _Filling:
         self._joined: dict[int, bytearray] = {number: bytearray() for number in wanted}
         self._parts: dict[int, list[tuple[Any, ...]]] = {number: [] for number in wanted}
         self._others: dict[int, tuple[int, int]] = {}
-        self._rejects: list[Reject] = []
+        self._rejects: list[Reject | Rejects] = []
 
     def add(self, rows: list[_Row], first: int) -> None:
         """Take rows, the first of which has this ordinal in the bag."""
@@ -279,14 +252,27 @@ def _payloads(joined: bytearray, lengths: NDArray[np.int64], *about: NDArray[np.
     return Payloads(np.frombuffer(joined, np.uint8), np.cumsum(lengths) - lengths, lengths, *about)
 
 
-def _slab(cells: Cells, first: int, wanted: frozenset[int]) -> Slab:
-    """Return messages by topic, the first of which has this ordinal in the bag."""
-    slab = Slab()
-    order = np.argsort(cells.topics, kind="stable")
-    for mine in np.split(order, np.flatnonzero(np.diff(cells.topics[order])) + 1):
-        number, records = int(cells.topics[mine[0]]), first + mine
-        if number in wanted:
-            slab.wanted[number] = Payloads(cells.octets, cells.starts[mine], cells.lengths[mine], records, cells.stamps_ns[mine])
-        else:
-            slab.others[number] = (mine.size, int(records[0]))
-    return slab
+def connect(path: Path) -> apsw.Connection:
+    """Open a database read-only, leaving no trace beside it.
+
+    Raises:
+        apsw.Error: it cannot be opened.
+    """
+    with path.open("rb") as file:
+        head = file.read(20)
+    write_ahead = Path(f"{path}-wal")
+    settled = head[18:19] == bytes([_WAL]) and not (write_ahead.exists() and write_ahead.stat().st_size)
+    # A settled write-ahead database is opened as immutable: else SQLite creates files beside it.
+    uri = f"file:{quote(str(path.resolve()))}?mode=ro{'&immutable=1' if settled else ''}"
+    database = apsw.Connection(uri, flags=apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI)
+    database.set_busy_timeout(BUSY_MS)
+    database.limit(apsw.SQLITE_LIMIT_LENGTH, MAX_MESSAGE_BYTES)
+    # Tables alone are read, no code in the schema runs, and a file shorter than its header says opens nevertheless.
+    for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "writable_schema=ON"):
+        database.execute(f"PRAGMA {pragma}")
+    return database
+
+
+def tables(database: apsw.Connection) -> set[str]:
+    """Return the names of the tables, views left out."""
+    return {row[0] for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}

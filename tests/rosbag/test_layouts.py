@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
-from spoofbench_converters.rosbag import cdr
+from spoofbench_converters.rosbag import definitions, layouts
 
 from spoofbench.errors import ConversionError
 
@@ -16,7 +16,7 @@ _OUTER = (
     "bool flag\nchar letter\nint16 short\nstring name\nfloat32[3] three\nuint64 big\nfloat64[] many\nint8 tail\n"
     "Inner[] inners\nInner[2] pair\nstring[] words\nuint32 last\n"
 )
-TYPES = {**cdr.parse(_INNER, "test/msg/Inner"), **cdr.parse(_OUTER, "test/msg/Outer")}
+TYPES = {**definitions.parse(_INNER, "test/msg/Inner"), **definitions.parse(_OUTER, "test/msg/Outer")}
 STORE = get_typestore(Stores.EMPTY)
 STORE.register(TYPES)
 
@@ -41,7 +41,9 @@ OUTERS = st.builds(
 
 def decode(messages: list[bytes], name: str = "test/msg/Outer") -> tuple[list[dict[str, Any] | None], list[tuple[int, str]]]:
     lengths = np.array([len(message) for message in messages])
-    groups, failures = cdr.Decoder(name, TYPES).decode(np.frombuffer(b"".join(messages), np.uint8), np.cumsum(lengths) - lengths, lengths)
+    groups, failures = layouts.Decoder(name, TYPES).decode(
+        np.frombuffer(b"".join(messages), np.uint8), np.cumsum(lengths) - lengths, lengths
+    )
     rows: list[dict[str, Any] | None] = [None] * len(messages)
     for group in groups:
         for place, row in zip(group.index.tolist(), group.rows, strict=True):
@@ -106,4 +108,4 @@ def test_a_damaged_message_is_refused_alone(damage: Any, reason: str) -> None:
 
 def test_a_text_that_is_no_definition_is_one_sentence() -> None:
     with pytest.raises(ConversionError, match="cannot be parsed"):
-        cdr.parse("float64 = = nonsense [", "test/msg/Broken")
+        definitions.parse("float64 = = nonsense [", "test/msg/Broken")

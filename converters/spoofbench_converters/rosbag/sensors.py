@@ -1,0 +1,170 @@
+"""The session of all messages that say by themselves what they hold: those of ROS, and those that a mapping describes."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.converting import Block, Columns, Facts, Reject, Rejects
+from spoofbench.converting.ordering import take
+from spoofbench_converters.rosbag import slabs
+from spoofbench_converters.rosbag.clocks import Clock, Meter, decide
+from spoofbench_converters.rosbag.family import Options, Said, in_bag_order, refused
+from spoofbench_converters.rosbag.fields import Fields
+from spoofbench_converters.rosbag.layouts import Group
+from spoofbench_converters.rosbag.messages import Spec
+from spoofbench_converters.rosbag.planning import Plan
+from spoofbench_converters.rosbag.rows import PairStream, RowStream
+from spoofbench_converters.rosbag.slabs import Payloads, Topic
+
+_SETTLED_MESSAGES = 256  # of each device, before the clocks are decided
+_HELD_ROWS = 262_144  # most that wait for it
+_NOTHING = "it holds nothing that the schema has"
+
+_Stream = RowStream | PairStream
+
+
+@dataclass(slots=True, eq=False)
+class _Device:
+    """A device at work: its clock once it is decided, and the rows that wait for that."""
+
+    name: str
+    clock: Clock | None = None
+    held: list[tuple[_Stream, str, Columns]] = field(default_factory=list)
+    meter: Meter = field(default_factory=Meter)
+    messages: int = 0
+
+
+class Sensors:
+    """Messages of one bag that say what they hold.
+
+    Attributes:
+        numbers: of the topics that are taken.
+    """
+
+    def __init__(self, plan: Plan, specs: Mapping[int, Spec], options: Options) -> None:
+        self.numbers = frozenset(plan.outlets)
+        self._plan, self._specs = plan, specs
+        self._by_recorder = options.time == "recorder"
+        self._ahead_ns = 0
+        self._decided = False
+        self._devices: list[_Device] = []
+        self._by_topic: dict[int, _Device] = {}
+        self._streams: dict[tuple[int, str], _Stream] = {}
+        self._of_source: dict[str, _Device] = {}
+        pairs: dict[str, PairStream] = {}
+        for topics in plan.devices:
+            device = _Device(topics[0].name)
+            self._devices.append(device)
+            for topic in topics:
+                self._by_topic[topic.number] = device
+                for outlet in plan.outlets[topic.number]:
+                    self._of_source[outlet.source] = device
+                    stream: _Stream = RowStream(outlet.source, outlet.kind)
+                    if outlet.paired:
+                        stream = pairs.setdefault(outlet.source, PairStream(outlet.source))
+                    self._streams[(topic.number, outlet.kind)] = stream
+
+    def take(self, topic: Topic, groups: Sequence[Group], payloads: Payloads) -> Iterator[Block | Reject | Rejects]:
+        """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        spec, device = self._specs[topic.number], self._by_topic[topic.number]
+        pieces: dict[str, list[Columns]] = {}
+        for group in groups:
+            said = spec.read(Fields(group.rows))
+            records, stamps = payloads.records[group.index], payloads.stamps_ns[group.index]
+            kept, given = refused(said.refusals, records, topic.name)
+            yield from given
+            empty = _add(pieces, said, kept, records, stamps)
+            if empty.any():
+                yield slabs.rejects(records[empty], f"{topic.name}: {_NOTHING}")
+            device.messages += records.size
+        for kind, parts in pieces.items():
+            rows = in_bag_order(parts)
+            if rows["record"].size:
+                device.held.append((self._streams[(topic.number, kind)], spec.side or "position", rows))
+        if self._decided:
+            yield from self._release(device)
+
+    def settle(self) -> Iterator[Block | Reject | Rejects]:
+        """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        held = sum(rows["record"].size for device in self._devices for _, _, rows in device.held)
+        if held > _HELD_ROWS or all(device.messages >= _SETTLED_MESSAGES for device in self._devices):
+            yield from self._decide()
+        for stream in dict.fromkeys(self._streams.values()):
+            yield from stream.settle()
+
+    def finish(self) -> Iterator[Block | Reject | Rejects | Facts]:
+        """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        yield from self._decide()
+        for stream in dict.fromkeys(self._streams.values()):
+            yield from stream.finish()
+        facts: dict[str, Mapping[str, str]] = {}
+        for source, device in self._of_source.items():
+            time = {"time": device.clock.basis, **device.meter.about()} if device.clock and device.messages else {}
+            facts[f"source/{source}"] = {**self._plan.sources[source], **time}
+        by_header = any(device.clock and device.clock.by_header and device.messages for device in self._devices)
+        recording = {"clock": "sensor" if by_header else "recorder"}
+        if self._ahead_ns:
+            recording["recorder_offset_s"] = f"{-self._ahead_ns / 1e9:.6f}"
+        if self._plan.primary:
+            facts["primary"] = {"gnss/pvt": self._plan.primary}
+        yield Facts({**facts, "recording": recording})
+
+    def _decide(self) -> Iterator[Block | Rejects]:
+        """Decide the clocks, and give what waited for it."""
+        if self._decided:
+            return
+        self._decided = True
+        seen = {device.name: _times(device) for device in self._devices}
+        clocks, self._ahead_ns = decide(seen)
+        if self._by_recorder:
+            self._ahead_ns = 0
+        for device in self._devices:
+            device.clock = Clock(False, 0, "recorder's stamps, as asked for") if self._by_recorder else clocks[device.name]
+        for device in self._devices:
+            yield from self._release(device)
+
+    def _release(self, device: _Device) -> Iterator[Block | Rejects]:
+        """Give a device's rows their times, and hand them on."""
+        held, device.held = device.held, []
+        for stream, side, rows in held:
+            stamps, received = rows.pop("stamp_ns"), rows["receive_time_ns"]
+            has_stamp = rows.pop("has_stamp")
+            assert device.clock is not None
+            rows["time_ns"] = device.clock.time_ns(stamps, received)
+            counted = has_stamp & (rows["units"] > 0)
+            device.meter.add(stamps[counted], received[counted])
+            yield from stream.push(side, rows)
+
+
+def _times(device: _Device) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the headers' and the recorder's stamps of the messages that a device holds."""
+    parts = [(rows["stamp_ns"], rows["receive_time_ns"], rows["has_stamp"] & (rows["units"] > 0)) for _, _, rows in device.held]
+    if not parts:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    stamps, received, counted = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return stamps[counted], received[counted]
+
+
+def _add(
+    pieces: dict[str, list[Columns]], said: Said, kept: NDArray[np.bool_], records: NDArray[np.int64], received: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Add what messages of one layout say to the pieces by kind; return the messages that say nothing.
+
+    The first row of each message, in its first part that has one, has ``units`` 1: it stands for the message in the ledger.
+    """
+    stamped = said.stamp_ns is not None
+    stamps = said.stamp_ns if said.stamp_ns is not None else np.zeros(records.size, np.int64)
+    waiting = kept.copy()
+    for part in said.parts:
+        message = np.arange(records.size) if part.message is None else part.message
+        mine = kept[message]
+        message = message[mine]
+        first = np.append(True, message[1:] != message[:-1])[: message.size]
+        units = (first & waiting[message]).astype(np.int64)
+        waiting[message] = False
+        rows = part.columns if mine.all() else take(part.columns, mine)
+        about = {"record": records[message], "receive_time_ns": received[message], "stamp_ns": stamps[message], "units": units}
+        pieces.setdefault(part.kind, []).append({**rows, **about, "has_stamp": np.full(message.size, stamped)})
+    return waiting
