@@ -8,7 +8,7 @@ from typing import Literal
 
 from spoofbench.converting import Extent, Item, Source
 from spoofbench.errors import ConversionError
-from spoofbench_converters.phone import gnsslogger, sensorlogger
+from spoofbench_converters.phone import gnsslogger, gsdc, phyphox, sensorlog, sensorlogger
 from spoofbench_converters.phone.options import Options
 from spoofbench_converters.phone.parts import parts_of, text_parts
 
@@ -17,7 +17,7 @@ __all__ = ["UNIT", "VERSION", "Options", "convert", "sniff"]
 VERSION = "1"
 UNIT: Literal["bytes", "records"] = "bytes"
 
-_FORMATS = (gnsslogger, sensorlogger)
+_FORMATS = (gnsslogger, sensorlogger, sensorlog, phyphox, gsdc)
 
 
 def sniff(source: Source) -> float:

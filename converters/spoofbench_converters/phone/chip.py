@@ -9,12 +9,12 @@ from spoofbench.converting import Columns, Item
 from spoofbench.converting.ordering import join, take
 from spoofbench_converters.phone import android, numbers
 from spoofbench_converters.phone.axis import Axis, Stamps
+from spoofbench_converters.phone.device import NO_TIME
 from spoofbench_converters.phone.gnssform import raw_elapsed, raw_utc
 from spoofbench_converters.phone.lines import Cells, Rows
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet, held
 from spoofbench_converters.phone.streams import Stream, rejects
 
-NO_TIME = "a row without a time"
 _MOST_PER_EPOCH = 10_000
 _SIGNAL = ("constellation", "svid", "signal", "cn0_dbhz", "elevation_deg", "azimuth_deg", "used")
 _WORDS = {"signal": android.SIGNALS}

@@ -12,6 +12,7 @@ from spoofbench_converters.phone import android, gnssform
 from spoofbench_converters.phone import lines as text
 from spoofbench_converters.phone.axis import Axis, Stamps, Steps
 from spoofbench_converters.phone.chip import Chip
+from spoofbench_converters.phone.device import ACCEL, AXES, BODY, DEVICE_AXES, GYRO, MAG, NO_POSITION, NO_TIME
 from spoofbench_converters.phone.gnssform import ELAPSED, SENSORS, UNIX, UTC, Form
 from spoofbench_converters.phone.lines import Lines
 from spoofbench_converters.phone.options import Options
@@ -19,14 +20,12 @@ from spoofbench_converters.phone.parts import Part, text_parts
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, WRONG_WIDTH, Sheet
 from spoofbench_converters.phone.streams import Stream, in_file_order, rejects, used
 
-NO_TIME = "a row without a time"
 _NOT_KEPT = {
     "NMEA": "NMEA sentences: not asked for, convert with --format nmea",
     "GnssAntennaInfo": "GnssAntennaInfo: nothing in the schema",
 }
 _BATCHING_S = 10.0  # sensors may be handed over in batches of seconds, each on its own
 
-_XYZ = ("x", "y", "z")
 _VECTORS = {  # row type: kind of source, which, columns, fields
     "UncalAccel": ("imu", "uncalibrated", "UncalAccel{}Mps2", "accel_{}_mps2", "Bias{}Mps2"),
     "UncalGyro": ("imu", "uncalibrated", "UncalGyro{}RadPerSec", "gyro_{}_radps", "Drift{}RadPerSec"),
@@ -35,10 +34,7 @@ _VECTORS = {  # row type: kind of source, which, columns, fields
     "Gyro": ("imu", "calibrated", "Gyro{}RadPerSec", "gyro_{}_radps", ""),
     "Mag": ("mag", "calibrated", "Mag{}MicroT", "field_{}_ut", ""),
 }
-IMU_FIELDS = tuple(f"{name}_{axis}_{unit}" for name, unit in (("accel", "mps2"), ("gyro", "radps")) for axis in _XYZ)
-MAG_FIELDS = tuple(f"field_{axis}_ut" for axis in _XYZ)
 PVT_FIELDS = ("lat_deg", "lon_deg", "height_m", "speed_mps", "course_deg", "h_acc_m", "v_acc_m", "s_acc_mps", "gps_week", "tow_s")
-DEVICE_AXES = "x to the right of the screen, y to its top, z out of it"
 _PROVIDERS = {b"GPS": "GPS", b"FLP": "FLP", b"FUSED": "FLP", b"NLP": "NLP", b"NETWORK": "NLP"}
 _SOLUTIONS = {
     "GPS": {"solution": "gnss", "solution_basis": "Android's GPS provider"},
@@ -172,12 +168,12 @@ class _Log:
 
     def _vector(self, kind: str, sheet: Sheet) -> tuple[Columns, Stream]:
         family, which, column, field, bias = _VECTORS[kind]
-        columns: Columns = {field.format(axis): sheet.floats(column.format(axis.upper())) for axis in _XYZ}
+        columns: Columns = {field.format(axis): sheet.floats(column.format(axis.upper())) for axis in AXES}
         if family == "imu":
             columns["interval_s"] = np.zeros(len(sheet))
-        name, stream = self._stream(family, which, (*IMU_FIELDS, "interval_s") if family == "imu" else MAG_FIELDS)
+        name, stream = self._stream(family, which, (*ACCEL, *GYRO, "interval_s") if family == "imu" else MAG)
         last = Sheet(sheet.rows.take(np.array([len(sheet) - 1])), sheet.places)
-        values = [last.floats(bias.format(axis.upper()))[0] for axis in _XYZ] if bias else []
+        values = [last.floats(bias.format(axis.upper()))[0] for axis in AXES] if bias else []
         if values and not np.isnan(values).any():
             self._about[name][f"{column.partition('{')[0]}_last_bias"] = " ".join(repr(float(value)) for value in values)
         return columns, stream
@@ -215,7 +211,7 @@ class _Log:
         }
         placed = ~np.isnan(columns["lat_deg"] + columns["lon_deg"])
         yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~placed & ~sheet.bad, "a fix without a position")
+        yield from rejects(columns, ~placed & ~sheet.bad, NO_POSITION)
         left = placed & ~sheet.bad
         for word, name in _PROVIDERS.items():
             mine = left & (provider == word)
@@ -271,7 +267,7 @@ _ABOUT = {
     "mag": {"device_axes": DEVICE_AXES},
     "ins": {
         "topic": "OrientationDeg",
-        "body": "forward to the top of the screen, right to its right, down into it",
+        "body": BODY,
         "yaw_basis": "absent: the log's is from magnetic north",
         "solution_basis": "Android's rotation vector, of inertial sensors and magnetometer",
     },

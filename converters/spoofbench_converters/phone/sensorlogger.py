@@ -1,7 +1,8 @@
 """Sensor Logger (Kelvin Choi): a folder or zip archive of one CSV table per sensor.
 
-Sources: ``UNITS.md``, ``COORDINATES.md``, ``CROSSPLATFORM.md`` and ``FUSEDLOCATION.md`` of tszheichoi/awesome-sensor-logger. On iOS
-accelerations are Core Motion's, -1 g on the axis that points up at rest, and uncalibrated ones in g, unless the recording was made with standardised units and frames.
+Sources: ``UNITS.md``, ``COORDINATES.md``, ``CROSSPLATFORM.md`` and ``FUSEDLOCATION.md`` of tszheichoi/awesome-sensor-logger.
+On iOS accelerations are Core Motion's, -1 g on the axis that points up at rest, and uncalibrated ones in g, unless
+the recording was made with standardised units and frames.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,28 +10,18 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spoofbench.converting import Columns, Facts, Item
 from spoofbench.converting.ordering import take
 from spoofbench.errors import ConversionError
+from spoofbench_converters.phone.device import AXES, BODY, DEVICE_AXES, IMU, MAG, NO_TIME, OLDER, PVT, STANDARD_GRAVITY_MPS2, known
 from spoofbench_converters.phone.options import Options
 from spoofbench_converters.phone.parts import Form, Part, records, sheets, told
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
 from spoofbench_converters.phone.streams import Stream, rejects, together
 
-STANDARD_GRAVITY_MPS2 = 9.80665
-NO_TIME = "a row without a time"
-OLDER = "a fix older than the log"
-DEVICE_AXES = "x to the right of the screen, y to its top, z out of it"
 _OLDEST_FIX_S = -1.0  # before the start of the recording: an older one was cached
-_XYZ = ("x", "y", "z")
-_PVT_FIELDS = ("lat_deg", "lon_deg", "height_m", "height_msl_m", "speed_mps", "course_deg", "h_acc_m", "v_acc_m", "s_acc_mps")
-_IMU_FIELDS = tuple(
-    f"{name}_{axis}_{unit}" for name, unit in (("accel", "mps2"), ("gyro", "radps"), ("linear_accel", "mps2")) for axis in _XYZ
-)
-_GRAVITY = tuple(f"gravity_{axis}" for axis in _XYZ)
-_MAG_FIELDS = tuple(f"field_{axis}_ut" for axis in _XYZ)
+_GRAVITY = tuple(f"gravity_{axis}" for axis in AXES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +50,7 @@ def _vector(field: str, *, is_acceleration: bool = False, in_g_on_ios: bool = Fa
     def read(sheet: Sheet, phone: Phone) -> Columns:
         scale = -1.0 if is_acceleration and phone.is_core_motion else 1.0
         scale *= STANDARD_GRAVITY_MPS2 if in_g_on_ios and phone.is_core_motion else 1.0
-        return {field.format(axis): scale * sheet.floats(axis) for axis in _XYZ}
+        return {field.format(axis): scale * sheet.floats(axis) for axis in AXES}
 
     return read
 
@@ -77,11 +68,6 @@ def _location(sheet: Sheet, phone: Phone) -> Columns:
         "v_acc_m": known(sheet.floats("verticalAccuracy")),
         "s_acc_mps": known(sheet.floats("speedAccuracy")),
     }
-
-
-def known(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values with those below zero, by which phones say that they do not know, absent."""
-    return np.where(values < 0, np.nan, values)
 
 
 def _barometer(sheet: Sheet, phone: Phone) -> Columns:
@@ -111,10 +97,10 @@ _SENSORS: Mapping[str, Sensor] = {
 }
 _KINDS = {"imu": "imu", "mag": "mag", "baro": "baro", "gnss": "gnss/pvt", "ins": "ins/pva"}
 _FIELDS: Mapping[str, Sequence[str]] = {
-    "imu": (*_IMU_FIELDS, *_GRAVITY, "interval_s"),
-    "mag": _MAG_FIELDS,
+    "imu": (*IMU, *_GRAVITY),
+    "mag": MAG,
     "baro": ("pressure_pa",),
-    "gnss": _PVT_FIELDS,
+    "gnss": PVT,
     "ins": ("roll_deg", "pitch_deg"),
 }
 _SIGNED = ("Accelerometer", "Gravity", "TotalAcceleration", "AccelerometerUncalibrated", "Orientation")
@@ -231,7 +217,7 @@ def _about(sensor: Sensor, names: Sequence[str], phone: Phone) -> dict[str, str]
         about |= _provider(sensor, phone)
     elif sensor.family == "ins":
         about |= {
-            "body": "forward to the top of the screen, right to its right, down into it",
+            "body": BODY,
             "yaw_basis": "absent: from which north it counts differs by phone",
             "solution_basis": "attitude of inertial sensors and magnetometer",
         }
@@ -275,6 +261,6 @@ def _with_gravity(rows: Columns) -> Columns:
         f"accel_{axis}_mps2": np.where(
             np.isnan(rows[f"accel_{axis}_mps2"]), rows[f"gravity_{axis}"] + rows[f"linear_accel_{axis}_mps2"], rows[f"accel_{axis}_mps2"]
         )
-        for axis in _XYZ
+        for axis in AXES
     }
     return {**rows, **sums}

@@ -1,0 +1,25 @@
+"""What all phones have in common: axes, units, and the fields of sensors' rows."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+STANDARD_GRAVITY_MPS2 = 9.80665
+AXES = ("x", "y", "z")
+DEVICE_AXES = "x to the right of the screen, y to its top, z out of it"
+BODY = "forward to the top of the screen, right to its right, down into it"
+
+ACCEL = tuple(f"accel_{axis}_mps2" for axis in AXES)
+GYRO = tuple(f"gyro_{axis}_radps" for axis in AXES)
+LINEAR_ACCEL = tuple(f"linear_accel_{axis}_mps2" for axis in AXES)
+IMU = (*ACCEL, *GYRO, *LINEAR_ACCEL, "interval_s")
+MAG = tuple(f"field_{axis}_ut" for axis in AXES)
+PVT = ("lat_deg", "lon_deg", "height_m", "height_msl_m", "speed_mps", "course_deg", "h_acc_m", "v_acc_m", "s_acc_mps")
+
+NO_TIME = "a row without a time"
+NO_POSITION = "a fix without a position"
+OLDER = "a fix older than the log"
+
+
+def known(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values with those below zero, by which phones say that they do not know, absent."""
+    return np.where(values < 0, np.nan, values)

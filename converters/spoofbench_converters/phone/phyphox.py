@@ -1,0 +1,207 @@
+"""phyphox (RWTH Aachen): a folder or zip archive of one CSV table per sensor, or one table.
+
+Times are seconds of the experiment, which stand still while it is paused; ``meta/time.csv`` says when it was started
+and paused in Unix time. Units stand behind the columns' names. Accelerations point up at rest on every phone; heights are above mean
+sea level unless a column says WGS 84 (phyphox wiki, *Phyphox file format*, input modules ``sensor`` and ``location``).
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.converting import Columns, Facts, Item
+from spoofbench.converting.ordering import take
+from spoofbench.errors import ConversionError
+from spoofbench_converters.phone import device
+from spoofbench_converters.phone.device import NO_TIME, known
+from spoofbench_converters.phone.options import Options
+from spoofbench_converters.phone.parts import Form, Part, records, sheets, text_parts, told
+from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
+from spoofbench_converters.phone.streams import Stream, rejects, together
+
+_MPS2 = r"\(m/s(\^?2|²)\)"
+_TIME = re.compile(r"(time|zeit|t) \(s\)", re.IGNORECASE)
+_RADIANS, _DEGREES = r"\(rad/s\)", r"\((°|deg)/s\)"
+
+
+class Quantity(NamedTuple):
+    """A column: its name as a pattern, the kind of its source, its field, and the factor to the field's unit."""
+
+    pattern: re.Pattern[str]
+    family: str
+    field: str
+    factor: float = 1.0
+
+
+def _quantity(pattern: str, family: str, field: str, factor: float = 1.0) -> Quantity:
+    return Quantity(re.compile(pattern, re.IGNORECASE), family, field, factor)
+
+
+def _vectors() -> Iterator[Quantity]:
+    for axis in device.AXES:
+        yield _quantity(rf"linear accelerat(ion|ometer) {axis} {_MPS2}", "imu", f"linear_accel_{axis}_mps2")
+        yield _quantity(rf"accelerat(ion|ometer) {axis} {_MPS2}", "imu", f"accel_{axis}_mps2")
+        yield _quantity(rf"gyroscope {axis} {_RADIANS}", "imu", f"gyro_{axis}_radps")
+        yield _quantity(rf"gyroscope {axis} {_DEGREES}", "imu", f"gyro_{axis}_radps", np.pi / 180)
+        yield _quantity(rf"(magnetic field|magnetometer) {axis} \([µμ]T\)", "mag", f"field_{axis}_ut")
+
+
+_QUANTITIES = (
+    *_vectors(),
+    _quantity(r"(pressure|x) \(hPa\)", "baro", "pressure_pa", 100.0),
+    _quantity(r"latitude \((°|deg)\)", "gnss", "lat_deg"),
+    _quantity(r"longitude \((°|deg)\)", "gnss", "lon_deg"),
+    _quantity(r"(height|altitude) \(m\)", "gnss", "height_msl_m"),
+    _quantity(r"(height|altitude) WGS ?84 \(m\)", "gnss", "height_m"),
+    _quantity(r"(velocity|speed) \(m/s\)", "gnss", "speed_mps"),
+    _quantity(r"direction \((°|deg)\)", "gnss", "course_deg"),
+    _quantity(r"horizontal accuracy \((m|°)\)", "gnss", "h_acc_m"),
+    _quantity(r"vertical accuracy \((m|°)\)", "gnss", "v_acc_m"),
+)
+_NOT_NEGATIVE = frozenset({"speed_mps", "course_deg", "h_acc_m", "v_acc_m"})
+_FAMILIES: Mapping[str, tuple[str, Sequence[str]]] = {
+    "imu": ("imu", device.IMU),
+    "mag": ("mag", device.MAG),
+    "baro": ("baro", ("pressure_pa",)),
+    "gnss": ("gnss/pvt", device.PVT),
+}
+_ABOUT = {
+    "imu": {"device_axes": device.DEVICE_AXES},
+    "mag": {"device_axes": device.DEVICE_AXES},
+    "gnss": {"solution_basis": "the phone's location, of which phyphox does not say what it fuses"},
+}
+
+
+class Table(NamedTuple):
+    """A table that is understood: its file, its form, the column of time, and its quantities by column."""
+
+    part: Part
+    form: Form
+    time: str
+    quantities: Mapping[str, Quantity]
+
+    @property
+    def family(self) -> str:
+        return next(iter(self.quantities.values())).family
+
+
+def sniff(parts: Sequence[Part]) -> float:
+    """Return 0.9 for a file of the app, 0 for others."""
+    return 0.9 * any(_table(part) is not None for part in parts)
+
+
+def _table(part: Part) -> Table | None:
+    form = Form.of(part.head)
+    time = next((name for name in form.names if _TIME.fullmatch(name)), None)
+    quantities = {name: quantity for name in form.names for quantity in _QUANTITIES if quantity.pattern.fullmatch(name)}
+    family = next(iter(quantities.values())).family if quantities else ""
+    mine = {name: quantity for name, quantity in quantities.items() if quantity.family == family}
+    return Table(part, form, time, mine) if time and mine else None
+
+
+def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
+    """Yield what an experiment holds.
+
+    Raises:
+        ConversionError: nothing says when it began.
+    """
+    tables = [table for part in text_parts(parts) if (table := _table(part))]
+    times = next((part for part in text_parts(parts) if {"event", "experiment time", "system time"} <= set(Form.of(part.head).names)), None)
+    clock = _clock(times, options)
+    session = {"session_id": options.session} if options.session else {}
+    yield Facts({"recording": {"clock": "sensor", "clock_basis": clock.basis, **clock.about, **session}})
+    about = _device(parts)
+    for family, (kind, fields) in _FAMILIES.items():
+        mine = {table.part.name: table for table in tables if table.family == family}
+        if mine:
+            stream = Stream(f"{family}0", kind, fields, inputs=tuple(mine))
+            yield from together(stream, {name: _rows(table, clock) for name, table in mine.items()})
+            topic = " ".join(table.part.stem for table in mine.values() if table.part.name)
+            yield Facts({f"source/{family}0": {"app": "phyphox", "topic": topic, **about, **_ABOUT.get(family, {})}})
+    for part in parts:
+        if part is times:
+            yield from told(part)
+        elif all(part is not table.part for table in tables):
+            yield part.passed_over()
+
+
+class Clock(NamedTuple):
+    """When the experiment ran: its times at each start and the Unix times then, int64 ``(n,)`` in nanoseconds."""
+
+    started_ns: NDArray[np.int64]
+    unix_ns: NDArray[np.int64]
+    basis: str
+    about: Mapping[str, str]
+
+    def times(self, experiment_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the Unix times of times of the experiment; one at a pause is that of the start after it."""
+        run = np.maximum(np.searchsorted(self.started_ns, experiment_ns, "right") - 1, 0)
+        return experiment_ns - self.started_ns[run] + self.unix_ns[run]
+
+
+def _clock(part: Part | None, options: Options) -> Clock:
+    if options.date is not None:
+        start = _date_ns(options.date)
+        return Clock(np.array([0]), np.array([start]), "start as given", {"reference_date": options.date})
+    if part is None:
+        raise ConversionError("the experiment does not say when it began: there is no meta/time.csv; give the start with --date")
+    form = Form.of(part.head)
+    starts: list[tuple[int, int]] = []
+    for row in records(part):
+        if row["event"].strip().upper() == "START":
+            texts = (row[name].replace(",", ".") if form.decimal_comma else row[name] for name in ("experiment time", "system time"))
+            try:
+                experiment, system = (_decimal_ns(text) for text in texts)
+            except ArithmeticError:
+                continue
+            starts.append((experiment, system))
+    if not starts:
+        raise ConversionError(f"{part.name!r} has no start of the experiment that can be read; give the start with --date")
+    begun = np.array(sorted(starts), np.int64)
+    return Clock(begun[:, 0], begun[:, 1], f"starts of the experiment in {part.stem}", {})
+
+
+def _decimal_ns(seconds: str) -> int:
+    from decimal import Decimal
+
+    value = Decimal(seconds.strip()) * 1_000_000_000
+    if not value.is_finite() or abs(value) > 2**62:
+        raise ArithmeticError(seconds)
+    return int(value.to_integral_value())
+
+
+def _date_ns(date: str) -> int:
+    try:
+        given = datetime.fromisoformat(date)
+    except ValueError:
+        raise ConversionError(f"the date {date!r} is not one; write it as 2024-05-31 or 2024-05-31T10:20:30Z") from None
+    since = (given if given.tzinfo else given.replace(tzinfo=UTC)) - datetime(1970, 1, 1, tzinfo=UTC)
+    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
+
+
+def _device(parts: Sequence[Part]) -> dict[str, str]:
+    part = next((part for part in text_parts(parts) if {"property", "value"} == set(Form.of(part.head).names)), None)
+    properties = {row["property"]: row["value"] for row in records(part)} if part else {}
+    name = " ".join(filter(None, (properties.get(key, "") for key in ("deviceBrand", "deviceModel"))))
+    return {"device": name} if name else {}
+
+
+def _rows(table: Table, clock: Clock) -> Iterator[Columns | Item]:
+    for sheet in sheets(table.part, table.form):
+        if not isinstance(sheet, Sheet):
+            yield sheet
+            continue
+        experiment, timed = sheet.exact((table.time,), 9)
+        columns: Columns = {"time_ns": clock.times(experiment), **sheet.account()}
+        for name, quantity in table.quantities.items():
+            values = sheet.floats(name) * quantity.factor
+            columns[quantity.field] = known(values) if quantity.field in _NOT_NEGATIVE else values
+        if table.family == "imu":
+            columns["interval_s"] = np.zeros(len(sheet))
+        yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
+        yield from rejects(columns, ~timed & ~sheet.bad, NO_TIME)
+        yield take(columns, timed & ~sheet.bad)

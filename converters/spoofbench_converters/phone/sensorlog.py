@@ -1,0 +1,265 @@
+"""SensorLog (Bernd Thomas, iOS): one wide CSV table, a row per tick, a cell where a sensor had something new.
+
+Each sensor's columns have a time stamp of their own, since boot or since 1970; newer versions of the app repeat a
+sensor's last values until it has new ones, and write units behind the columns' names. Accelerations are Core
+Motion's: in g, -1 g on the axis that points up at rest (Apple, ``CMAccelerometerData`` and ``CMDeviceMotion``).
+"""
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.converting import Columns, Facts, Item, Reject
+from spoofbench.converting.ordering import take
+from spoofbench.errors import ConversionError
+from spoofbench_converters.phone import device
+from spoofbench_converters.phone.device import AXES, STANDARD_GRAVITY_MPS2, known
+from spoofbench_converters.phone.options import Options
+from spoofbench_converters.phone.parts import Form, Part, sheets, text_parts
+from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
+from spoofbench_converters.phone.streams import REPEATED, Stream, in_file_order, rejects
+
+_SURVEY_ROWS = 100
+_OLDEST_FIX_NS = 2_000_000_000
+_QUARTER_HOUR_S = 900
+_LOGGED = "loggingTime"
+
+
+class Sensor(NamedTuple):
+    """A group of columns: its stamp, the kind of its source, which one, its fields, and how they are read."""
+
+    stamp: str
+    family: str
+    which: str
+    fields: Sequence[str]
+    read: Callable[[Sheet], Columns]
+
+
+def _vector(field: str, column: str, scale: float = 1.0) -> Callable[[Sheet], Columns]:
+    return lambda sheet: {field.format(axis): scale * sheet.floats(column.format(axis.upper())) for axis in AXES}
+
+
+def _motion(sheet: Sheet) -> Columns:
+    linear = _vector("linear_accel_{}_mps2", "motionUserAcceleration{}", -STANDARD_GRAVITY_MPS2)(sheet)
+    gravity = _vector("{}", "motionGravity{}", -STANDARD_GRAVITY_MPS2)(sheet)
+    total = {f"accel_{axis}_mps2": linear[f"linear_accel_{axis}_mps2"] + gravity[axis] for axis in AXES}
+    return {**total, **linear, **_vector("gyro_{}_radps", "motionRotationRate{}")(sheet)}
+
+
+def _calibrated_field(sheet: Sheet) -> Columns:
+    """The field is zero where its calibration is -1: none."""
+    uncalibrated = sheet.floats("motionMagneticFieldCalibrationAccuracy") < 0
+    fields = _vector("field_{}_ut", "motionMagneticField{}")(sheet)
+    return {name: np.where(uncalibrated, np.nan, values) for name, values in fields.items()}
+
+
+def _location(sheet: Sheet) -> Columns:
+    valid = ~(sheet.floats("locationHorizontalAccuracy") < 0)
+    return {
+        "lat_deg": np.where(valid, sheet.floats("locationLatitude"), np.nan),
+        "lon_deg": np.where(valid, sheet.floats("locationLongitude"), np.nan),
+        "height_msl_m": np.where(sheet.floats("locationVerticalAccuracy") < 0, np.nan, sheet.floats("locationAltitude")),
+        "speed_mps": known(sheet.floats("locationSpeed")),
+        "course_deg": known(sheet.floats("locationCourse")),
+        "h_acc_m": known(sheet.floats("locationHorizontalAccuracy")),
+        "v_acc_m": known(sheet.floats("locationVerticalAccuracy")),
+        "s_acc_mps": known(sheet.floats("locationSpeedAccuracy")),
+    }
+
+
+def _pressure(sheet: Sheet) -> Columns:
+    return {"pressure_pa": 1000 * sheet.floats("altimeterPressure")}
+
+
+def _attitude(sheet: Sheet) -> Columns:
+    return {"roll_deg": np.degrees(sheet.floats("motionRoll")), "pitch_deg": np.degrees(sheet.floats("motionPitch"))}
+
+
+_BOOT, _UNIX = "Timestamp_sinceReboot", "Timestamp_since1970"
+_SENSORS = (
+    Sensor(
+        f"accelerometer{_BOOT}", "imu", "raw", device.ACCEL, _vector("accel_{}_mps2", "accelerometerAcceleration{}", -STANDARD_GRAVITY_MPS2)
+    ),
+    Sensor(f"gyro{_BOOT}", "imu", "raw", device.GYRO, _vector("gyro_{}_radps", "gyroRotation{}")),
+    Sensor(f"motion{_BOOT}", "imu", "device motion", (*device.ACCEL, *device.GYRO, *device.LINEAR_ACCEL), _motion),
+    Sensor(f"location{_UNIX}", "gnss", "", device.PVT, _location),
+    Sensor(f"magnetometer{_BOOT}", "mag", "magnetometer, uncalibrated", device.MAG, _vector("field_{}_ut", "magnetometer{}")),
+    Sensor(f"motion{_BOOT}", "mag", "device motion, calibrated", device.MAG, _calibrated_field),
+    Sensor(f"locationHeading{_UNIX}", "mag", "heading", device.MAG, _vector("field_{}_ut", "locationHeading{}")),
+    Sensor(f"altimeter{_BOOT}", "baro", "", ("pressure_pa",), _pressure),
+    Sensor(f"motion{_BOOT}", "ins", "", ("roll_deg", "pitch_deg"), _attitude),
+)
+_KINDS = {"imu": "imu", "mag": "mag", "baro": "baro", "gnss": "gnss/pvt", "ins": "ins/pva"}
+_ABOUT = {
+    "imu": {"device_axes": device.DEVICE_AXES, "accel_basis": "Core Motion's sign turned, g into m/s2"},
+    "mag": {"device_axes": device.DEVICE_AXES},
+    "gnss": {"solution_basis": "Core Location, which does not say what it fuses"},
+    "ins": {
+        "body": device.BODY,
+        "yaw_basis": "absent: its zero depends on the reference frame",
+        "solution_basis": "attitude of inertial sensors and magnetometer",
+    },
+}
+
+
+def normal(name: str) -> str:
+    """Return a column's name without its unit."""
+    return re.sub(r"\s*\([^)]*\)$", "", name)
+
+
+def sniff(parts: Sequence[Part]) -> float:
+    """Return 1 where a file has the app's columns, else 0."""
+    return float(any(_is_table(part) for part in parts))
+
+
+def _is_table(part: Part) -> bool:
+    places = Form.of(part.head).places(normal)
+    return _LOGGED in places and any(sensor.stamp in places for sensor in _SENSORS)
+
+
+def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
+    """Yield what a log holds, the one file of it that is one.
+
+    Raises:
+        ConversionError: there are several; or its rows have no clock.
+    """
+    logs = [part for part in text_parts(parts) if _is_table(part)]
+    if len(logs) > 1:
+        raise ConversionError(f"there are several logs, {logs[0].name!r} and {logs[1].name!r} among them; convert one at a time")
+    form = Form.of(logs[0].head)
+    clock = _survey(logs[0], form)
+    log = _Log(form, clock)
+    for item in sheets(logs[0], form, normal):
+        if isinstance(item, Sheet):
+            yield from log.take(item)
+        else:
+            yield item
+    yield from log.finish()
+    session = {"session_id": options.session} if options.session else {}
+    yield Facts({"recording": {"clock": "sensor", "clock_basis": clock.basis, "boot_unix_ns": str(clock.offset_ns), **session}})
+    yield from (part.passed_over() for part in parts if part is not logs[0])
+
+
+class Clock(NamedTuple):
+    """Unix time minus time since boot, when the log begins, and how both are known."""
+
+    offset_ns: int
+    start_ns: int
+    basis: str
+
+
+def _survey(part: Part, form: Form) -> Clock:
+    """Lay the time since boot on Unix time by the first rows' logging time; its zone, where it names none, by a stamp since 1970."""
+    first = next((sheet for sheet in sheets(part, form, normal) if isinstance(sheet, Sheet)), None)
+    if first is None:
+        raise ConversionError("the log has no rows")
+    head = Sheet(first.rows.take(np.arange(min(_SURVEY_ROWS, len(first)))), first.places)
+    texts = [text.decode("ascii", "replace") for text in head.words(_LOGGED).tolist()]
+    logged = [_read_time(text) for text in texts]
+    stamps = [head.exact((sensor.stamp,), 9) for sensor in _SENSORS if sensor.stamp.endswith(_UNIX)]
+    absolute = [int(time) for times, present in stamps for time in times[present & (times > 0)]]
+    known_rows = [row for row, time in enumerate(logged) if time is not None]
+    if not known_rows:
+        raise ConversionError(f"none of the first rows has a {_LOGGED} that can be read, such as {texts[0]!r}")
+    start = next(time for time in logged if time is not None)
+    zone, basis = timedelta(0), "its own zone"
+    if start.tzinfo is None:
+        zone, basis = timedelta(0), "taken as UTC, for no stamp tells its zone"
+        if absolute:
+            ahead_s = start.replace(tzinfo=UTC).timestamp() - max(absolute) / 1e9
+            zone, basis = timedelta(seconds=_QUARTER_HOUR_S * round(ahead_s / _QUARTER_HOUR_S)), "its zone from the stamps since 1970"
+    unix = {row: _nanoseconds(time, zone) for row in known_rows if (time := logged[row]) is not None}
+    offsets: list[int] = []
+    for sensor in _SENSORS:
+        if sensor.stamp.endswith(_BOOT) and not offsets:
+            times, present = head.exact((sensor.stamp,), 9)
+            fresh = present & (times > 0) & np.concatenate([[True], times[1:] != times[:-1]])
+            offsets = [unix[row] - int(times[row]) for row in np.flatnonzero(fresh).tolist() if row in unix]
+    offset = int(np.sort(offsets)[(len(offsets) - 1) // 2]) if offsets else 0
+    return Clock(offset, min(unix.values()), f"median of the first rows' {_LOGGED} ({basis}) minus time since boot")
+
+
+def _read_time(text: str) -> datetime | None:
+    try:
+        return datetime.fromisoformat(re.sub(r"\s+([+-]\d\d:?\d\d)$", r"\1", text.strip()))
+    except ValueError:
+        return None
+
+
+def _nanoseconds(time: datetime, zone: timedelta) -> int:
+    """Return Unix time; one that names no zone is ahead of UTC by the one given."""
+    utc = time if time.tzinfo else time.replace(tzinfo=UTC) - zone
+    since = utc - datetime(1970, 1, 1, tzinfo=UTC)
+    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
+
+
+class _Log:
+    """A table being converted."""
+
+    def __init__(self, form: Form, clock: Clock) -> None:
+        self._clock = clock
+        places = form.places(normal)
+        self._sensors = [sensor for sensor in _SENSORS if sensor.stamp in places]
+        self._last: dict[int, int] = {}
+        self._streams: dict[tuple[str, str], Stream] = {}
+        self._sources: dict[tuple[str, str], str] = {}
+
+    def take(self, sheet: Sheet) -> Iterator[Item]:
+        """Yield what a piece holds: of each sensor the rows in which its stamp is another than before."""
+        account = sheet.account()
+        owned = np.zeros(len(sheet), bool)
+        pushes: dict[tuple[str, str], list[Columns]] = {}
+        read = [(number, sensor, *self._new(number, sensor, sheet), sensor.read(sheet)) for number, sensor in enumerate(self._sensors)]
+        bad = sheet.bad
+        yield from rejects(account, bad, NOT_A_NUMBER)
+        for _, sensor, times, new, fields in read:
+            new = new & ~bad & ~_blank(fields)
+            older = new & (times < self._clock.start_ns - _OLDEST_FIX_NS)
+            columns = {**fields, **account, "time_ns": times, "length": np.where(owned, 0, account["length"])}
+            if sensor.family == "imu":
+                columns["interval_s"] = np.zeros(len(sheet))
+            if sensor.stamp.endswith(_UNIX):
+                yield from (Reject(offset, 0, device.OLDER) for offset in account["offset"][older].tolist())
+                new &= ~older
+            owned |= new
+            if new.any():
+                pushes.setdefault((sensor.family, sensor.which), []).append(take(columns, new))
+        yield from rejects(account, ~owned & ~bad, REPEATED)
+        for key, parts in pushes.items():
+            stream = self._stream(*key)
+            yield from stream.push(in_file_order([stream.complete(part) for part in parts]))
+
+    def finish(self) -> Iterator[Item]:
+        """Yield what is held, and the sources."""
+        for stream in self._streams.values():
+            yield from stream.finish()
+        for (family, which), name in self._sources.items():
+            yield Facts({f"source/{name}": {"app": "SensorLog", **({"topic": which} if which else {}), **_ABOUT.get(family, {})}})
+
+    def _new(self, number: int, sensor: Sensor, sheet: Sheet) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return a sensor's times, and which rows have one that is not that of the row before."""
+        stamps, present = sheet.exact((sensor.stamp,), 9)
+        present &= stamps > 0
+        rows = np.flatnonzero(present)
+        before = np.concatenate([[self._last.get(number, 0)], stamps[rows][:-1]])
+        new = np.zeros(len(sheet), bool)
+        new[rows] = stamps[rows] != before
+        if rows.size:
+            self._last[number] = int(stamps[rows[-1]])
+        return stamps + (self._clock.offset_ns if sensor.stamp.endswith(_BOOT) else 0), new
+
+    def _stream(self, family: str, which: str) -> Stream:
+        key = (family, which)
+        if key not in self._streams:
+            self._sources[key] = f"{family}{sum(other == family for other, _ in self._sources)}"
+            fields = tuple(dict.fromkeys(field for s in self._sensors if (s.family, s.which) == key for field in s.fields))
+            self._streams[key] = Stream(self._sources[key], _KINDS[family], (*fields, *(("interval_s",) if family == "imu" else ())))
+        return self._streams[key]
+
+
+def _blank(fields: Columns) -> NDArray[np.bool_]:
+    return np.asarray(np.all([np.isnan(values) for values in fields.values()], axis=0))
