@@ -1,7 +1,7 @@
 """What a recording holds, at a glance."""
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from spoofbench.codec import read
 from spoofbench.converting import Ledger
+from spoofbench.doctor import Finding, examine
 from spoofbench.recording import Recording, Table
-from spoofbench.report.text import printable
+from spoofbench.report.text import counted, printable
 from spoofbench.schema import TRUTH_TOPIC, split_topic
 
 STOPPED_MPS = 0.3
@@ -69,6 +70,7 @@ class Summary:
     attacks: int
     metadata: Mapping[str, Mapping[str, str]]
     ledger: Ledger | None
+    findings: tuple[Finding, ...]
 
 
 def summarise(path: Path) -> Summary:
@@ -89,6 +91,7 @@ def summarise(path: Path) -> Summary:
         attacks=len(recording[TRUTH_TOPIC]) if TRUTH_TOPIC in recording else 0,
         metadata={name: dict(record) for name, record in recording.metadata.items() if name != "ledger"},
         ledger=_ledger(recording.metadata.get("ledger")),
+        findings=tuple(examine(recording)),
     )
 
 
@@ -105,26 +108,75 @@ def as_dict(summary: Summary) -> dict[str, Any]:
         "attacks": summary.attacks,
         "metadata": {name: dict(record) for name, record in summary.metadata.items()},
         "ledger": summary.ledger.as_dict() if summary.ledger else None,
+        "findings": [asdict(finding) for finding in summary.findings],
     }
 
 
 def as_text(summary: Summary) -> str:
-    """Return a summary for people, in 80 columns."""
+    """Return a summary for people, at a glance, in 80 columns."""
     when = "no rows"
     if summary.start_ns is not None and summary.duration_s is not None:
         start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=summary.start_ns // 1000)
-        when = f"{_minutes(summary.duration_s)} from {start:%Y-%m-%d %H:%M:%S} UTC, clock {printable(summary.clock or 'unknown')}"
-    lines = [printable(summary.file), f"  {when}", *_topic_lines(summary.topics)]
-    if summary.motion:
-        lines += ["", _pair("motion", _motion_text(summary.motion))]
-    if summary.attacks:
-        lines += [_pair("attacks", f"{summary.attacks} in {TRUTH_TOPIC}")]
+        when = f"{_minutes(summary.duration_s)} from {start:%Y-%m-%d %H:%M:%S} UTC"
+    origin = summary.metadata.get("origin", {})
+    lines = [printable(summary.file), f"  {when}", *_topic_lines(summary.topics), ""]
+    if "file" in origin:
+        lines.append(_pair("log", f"{origin['file']}, {_size(origin.get('size', ''))}by the {origin.get('converter', '?')} converter"))
+    lines.append(_pair("clock", _clock_text(summary)))
     for name, record in summary.metadata.items():
-        if name not in ("recording", "primary"):
-            lines += ["", printable(name), *(_pair(f"  {key}", value) for key, value in record.items())]
+        if name.startswith("source/"):
+            lines.append(_pair(name.removeprefix("source/"), _source_text(record)))
+    if summary.motion:
+        lines.append(_pair("motion", _motion_text(summary.motion)))
+    if summary.attacks:
+        lines.append(_pair("attacks", f"{summary.attacks} in {TRUTH_TOPIC}"))
     if summary.ledger:
-        lines += ["", "ledger", *_wrapped(summary.ledger)]
+        lines.append(_pair("ledger", _ledger_text(summary.ledger)))
+    lines.append(_pair("doctor", _doctor_text(summary.findings)))
     return "\n".join(line.rstrip() for line in lines)
+
+
+def _clock_text(summary: Summary) -> str:
+    about = summary.metadata.get("recording", {})
+    steps = about.get("clock_step_count", "0")
+    said = {"leap_seconds": "leap seconds ", "reference_date": "date by the user "}
+    parts = [summary.clock or "unknown", *(f"{text}{about[key]}" for key, text in said.items() if key in about)]
+    return ", ".join([*parts, f"{steps} steps"] if steps != "0" else parts)
+
+
+def _source_text(record: Mapping[str, str]) -> str:
+    """What a source is: device and firmware, what its solution is of, its axes, and where the log had it."""
+    solution = {"gnss": "GNSS only", "fused": "fused with inertial sensors"}.get(record.get("solution", ""))
+    axes = f"axes {record['axes']}" if "axes" in record else None
+    return (
+        ", ".join(part for part in (record.get("device"), record.get("firmware"), solution, axes, record.get("topic")) if part) or "unknown"
+    )
+
+
+def _ledger_text(ledger: Ledger) -> str:
+    text = f"{ledger.used:,} {ledger.unit} used, {ledger.skipped:,} skipped"
+    if not ledger.skipped:
+        return text
+    reason, count = ledger.reasons.most_common(1)[0]
+    share = 100 * ledger.skipped / (ledger.used + ledger.skipped)
+    return f"{text} ({'less than 0.1' if share < 0.05 else f'{share:.1f}'} %), {count:,} of them: {reason}"
+
+
+def _doctor_text(findings: Sequence[Finding]) -> str:
+    codes = {severity: [finding.code for finding in findings if finding.severity == severity] for severity in ("error", "warning")}
+    said = [f"{counted(len(found), severity)}: {', '.join(dict.fromkeys(found))}" for severity, found in codes.items() if found]
+    return "; ".join(said) + "; see spoofbench doctor" if said else "nothing to warn of"
+
+
+def _size(text: str) -> str:
+    if not text.isdecimal() or len(text) > 20:
+        return ""
+    size = float(text)
+    for unit in ("bytes", "kB", "MB"):
+        if size < 1000:
+            return f"{size:.3g} {unit}, "
+        size /= 1000
+    return f"{size:,.3g} GB, "
 
 
 def _topic(recording: Recording, topic: str) -> TopicSummary:
@@ -207,12 +259,7 @@ def _motion_text(motion: Motion) -> str:
 
 
 def _pair(name: str, value: str) -> str:
-    return textwrap.fill(printable(value), WIDTH, initial_indent=f"{printable(name) + '  ':<22}", subsequent_indent=" " * 22)
-
-
-def _wrapped(ledger: Ledger) -> list[str]:
-    lines = [line for line in ledger.as_text().splitlines() if " rows " not in line]
-    return [textwrap.fill(printable(line), WIDTH, initial_indent="  ", subsequent_indent=" " * 24) for line in lines]
+    return textwrap.fill(printable(value), WIDTH, initial_indent=f"{printable(name) + '  ':<11}", subsequent_indent=" " * 11)
 
 
 def _minutes(duration_s: float) -> str:

@@ -93,3 +93,17 @@ def test_unknown_is_null(tmp_path: Path) -> None:
     empty = summarised(Recording({}), tmp_path)
     assert (empty.start_ns, empty.duration_s, empty.topics) == (None, None, ())
     assert "no rows" in summary.as_text(empty)
+
+
+def test_a_glance_says_where_it_is_from_and_what_to_look_at(tmp_path: Path) -> None:
+    origin = {"file": "x.ubx", "size": "1234567", "converter": "ubx"}
+    source = {"device": "ZED-F9R", "solution": "fused", "topic": "UBX-NAV-PVT"}
+    about = {"clock": "gnss", "leap_seconds": "18", "clock_step_count": "3"}
+    found = summarised(drive(origin=origin, recording=about, **{"source/gnss0": source}), tmp_path)
+    lines = summary.as_text(found).splitlines()
+    assert "log        x.ubx, 1.23 MB, by the ubx converter" in lines
+    assert "clock      gnss, leap seconds 18, 3 steps" in lines
+    assert "gnss0      ZED-F9R, fused with inertial sensors, UBX-NAV-PVT" in lines
+    doctor = " ".join(lines).partition("doctor")[2]
+    assert "warnings: fused-primary, clock-step" in doctor
+    assert {finding["code"] for finding in summary.as_dict(found)["findings"]} >= {"fused-primary", "clock-step"}

@@ -160,8 +160,10 @@ def frozen(recording: Recording) -> list[Finding]:
             if not table.has(*names):
                 continue
             values = np.stack([table[name] for name in names], axis=1)
+            known = np.isfinite(values).all(axis=1)
+            values, times = values[known], table.time_ns[known]
             still = (values == 0).all(axis=0)
-            if still.any() and len(table) >= LEAST_REST:
+            if still.any() and times.size >= LEAST_REST:
                 which = ", ".join(AXES[i] for i in np.flatnonzero(still))
                 text = f"the {sensor} says 0 in all rows on {which}"
                 findings.append(
@@ -172,9 +174,9 @@ def frozen(recording: Recording) -> list[Finding]:
             long = lengths >= FROZEN_ROWS
             if long.any():
                 rows = int(lengths[long].sum())
-                held_s = float((table.time_ns[firsts + lengths] - table.time_ns[firsts])[long].max()) / 1e9
+                held_s = float((times[firsts + lengths] - times[firsts])[long].max()) / 1e9
                 text = f"the {sensor} repeats its sample in {rows} rows, for {held_s:.2g} s at the longest"
                 advice = "treat these stretches as gaps"
-                span = where(table.time_ns[firsts[long]]) | {"count": rows}
+                span = where(times[firsts[long]]) | {"count": rows}
                 findings.append(Finding("frozen-imu", "warning", topic, text, advice, **span))
     return findings

@@ -45,7 +45,7 @@ def gaps(recording: Recording) -> list[Finding]:
         share = missing_s * 1e9 / float(times[-1] - times[0])
         if not long.any() or (share < SLIGHT_SHARE and longest_s < SLIGHT_GAP_S):
             continue
-        grave = share > GRAVE_SHARE or longest_s > GRAVE_GAP_S
+        grave = (share > GRAVE_SHARE or longest_s > GRAVE_GAP_S) and topic == recording.topics(split_topic(topic)[1])[0]
         usual = f"the longest {longest_s:.3g} s where rows come every {median / 1e9:.3g} s"
         text = f"{counted(int(long.sum()), 'gap')}, {missing_s:.1f} s without rows, {usual}"
         advice = "count these epochs as unavailable, and look whether the log was cut"

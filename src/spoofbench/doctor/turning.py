@@ -126,16 +126,22 @@ def _tracked(way: Steps, origin_ns: int) -> tuple[Floats, Floats]:
 
 def _heading(imu: Table) -> tuple[Floats, Floats]:
     """Return seconds since the first row, and the heading that the gyroscope adds up to, rad clockwise."""
-    force = np.stack([imu[name] for name in ACCEL], axis=1)
-    rate = np.stack([imu[name] for name in GYRO], axis=1)
-    known = np.isfinite(force).all(axis=1) & np.isfinite(rate).all(axis=1)
-    if known.sum() < LEAST_STEPS:
+    force_s, force = _known(imu, ACCEL)
+    times_s, rate = _known(imu, GYRO)
+    if min(force_s.size, times_s.size) < LEAST_STEPS:
         return np.zeros(0), np.zeros(0)
-    times_s = (imu.time_ns[known] - imu.time_ns[0]) / 1e9
-    up = _smoothed(force[known], times_s)
-    turn = -(rate[known] * up).sum(axis=1) / np.linalg.norm(up, axis=1)
+    smooth = _smoothed(force, force_s)
+    up = np.stack([np.interp(times_s, force_s, smooth[:, axis]) for axis in range(3)], axis=1)
+    turn = -(rate * up).sum(axis=1) / np.linalg.norm(up, axis=1)
     way = (turn[1:] + turn[:-1]) / 2 * np.minimum(np.diff(times_s), 1.0)  # a gap adds nothing that is not known
     return times_s, np.concatenate([[0.0], np.cumsum(way)])
+
+
+def _known(imu: Table, names: tuple[str, ...]) -> tuple[Floats, Floats]:
+    """Return times of a sensor's samples, s since the first row, and the samples, ``(n, 3)``: each sensor may have rows of its own."""
+    values = np.stack([imu[name] for name in names], axis=1)
+    known = np.isfinite(values).all(axis=1)
+    return (imu.time_ns[known] - imu.time_ns[0]) / 1e9, values[known]
 
 
 def _smoothed(values: Floats, times_s: Floats) -> Floats:
