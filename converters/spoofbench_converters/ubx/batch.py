@@ -1,0 +1,161 @@
+"""Complete epochs on their way to rows, and what became of each of their frames."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.converting import Rejects
+from spoofbench.recording import Column
+from spoofbench_converters.stream.contract import ABSENT_NS, Rows
+from spoofbench_converters.ubx.frames import Held, Ints
+from spoofbench_converters.ubx.messages import MESSAGES, NUMBER
+
+_SOLUTIONS = frozenset({"NAV-PVT", "NAV-PVAT", "NAV-POSLLH", "NAV-HPPOSLLH", "NAV-POSECEF", "NAV-HPPOSECEF", "NAV-SOL"})
+_UNDECIDED, _USED, _REFUSED = 0, 1, 2
+
+
+Cells = dict[str, Any]
+"""Columns by field: arrays, or ``Column`` where a number, a flag or a text may be absent."""
+
+
+class Picked(NamedTuple):
+    """Frames of one message: their places in the batch, their epochs and their heads."""
+
+    frames: Ints
+    epoch: Ints
+    head: NDArray[np.void]
+
+    def take(self, rows: NDArray[np.bool_]) -> "Picked":
+        """Return the frames that a mask selects."""
+        return Picked(self.frames[rows], self.epoch[rows], self.head[rows])
+
+
+class Batch:
+    """The frames of complete epochs, which are numbered from 0.
+
+    ``conflicts`` counts solutions that differ from another of the same message in their epoch: what a second receiver gives.
+    """
+
+    def __init__(self, held: Held, first: int, count: int) -> None:
+        self.held = held
+        self.epoch = held.epoch - first
+        self.count = count
+        self.conflicts = 0
+        self._fate = np.zeros(held.number.size, np.int8)
+        self._rejects: list[Rejects] = []
+        self._once: dict[str, Picked] = {}
+
+    def all_of(self, name: str, layout: np.dtype[np.void] | None = None) -> Picked:
+        """Return all frames of a message, in file order."""
+        number = NUMBER[name]
+        return self._picked(np.flatnonzero(self.held.number == number), layout or MESSAGES[number].head)
+
+    def one_of(self, name: str) -> Picked:
+        """Return the first frame of a message in each epoch that has one, by epoch; further ones are refused."""
+        if name not in self._once:
+            self._once[name] = self._first_of(name)
+        return self._once[name]
+
+    def _first_of(self, name: str) -> Picked:
+        number = NUMBER[name]
+        rows = np.flatnonzero(self.held.number == number)
+        epochs, first, place = np.unique(self.epoch[rows], return_index=True, return_inverse=True)
+        if first.size < rows.size:
+            repeated = np.ones(rows.size, bool)
+            repeated[first] = False
+            heads = self.held.heads(rows, MESSAGES[number].head)
+            if name in _SOLUTIONS:
+                self.conflicts += int(np.count_nonzero(heads[repeated] != heads[first[place[repeated]]]))
+            self.refuse(rows[repeated], "repeated in its epoch")
+            rows = rows[first]
+            return Picked(rows, epochs, heads[first])
+        return self._picked(rows, MESSAGES[number].head)
+
+    def _picked(self, rows: Ints, layout: np.dtype[np.void]) -> Picked:
+        return Picked(rows, self.epoch[rows], self.held.heads(rows, layout))
+
+    def blocks(self, name: str, picked: Picked) -> tuple[NDArray[np.void], Ints]:
+        """Return the blocks of these frames, and the place in ``picked`` of each."""
+        message = MESSAGES[NUMBER[name]]
+        assert message.block is not None
+        return self.held.blocks(picked.frames, message.head.itemsize, message.block)
+
+    def use(self, frames: Ints) -> None:
+        """Count these frames as having given rows."""
+        self._fate[frames] = _USED
+
+    def refuse(self, frames: Ints, reason: str) -> None:
+        """Reject these frames of one message."""
+        if frames.size:
+            self._fate[frames] = _REFUSED
+            name = MESSAGES[int(self.held.number[frames[0]])].name
+            self._rejects.append(Rejects(self.held.offset[frames], self.held.used[frames], f"UBX {name}: {reason}"))
+
+    def settle(self) -> tuple[Ints, list[Rejects]]:
+        """Return the bytes that gave rows, by epoch, and all rejects; what completes an epoch's rows shares their fate."""
+        gave = np.bincount(self.epoch[self._fate == _USED], minlength=self.count) > 0
+        undecided = np.flatnonzero(self._fate == _UNDECIDED)
+        completing = gave[self.epoch[undecided]]
+        self._fate[undecided[completing]] = _USED
+        lone = undecided[~completing]
+        for number in np.unique(self.held.number[lone]).tolist():
+            self.refuse(lone[self.held.number[lone] == number], "nothing in its epoch to complete")
+        used = np.bincount(self.epoch, np.where(self._fate == _USED, self.held.used, 0), self.count)
+        return used.astype(np.int64), self._rejects
+
+    def rows(self, source: str, kind: str, frames: Ints, columns: Cells, **times: Ints) -> Rows:
+        """Return rows of which each came from one frame."""
+        received = self.held.receive_time_ns[frames]
+        return Rows(source, kind, self.epoch[frames], columns, receive_time_ns=received if np.any(received != ABSENT_NS) else None, **times)
+
+
+class Fields:
+    """Columns by epoch that several messages fill, the first that says a thing keeping it."""
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._columns: dict[str, NDArray[np.float64]] = {}
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        return self._columns.setdefault(name, np.full(self._count, np.nan))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def fill(self, epoch: Ints, **values: NDArray[Any]) -> None:
+        """Give these epochs (each once) values where they have none; NaN is none."""
+        for name, given in values.items():
+            column = self[name]
+            column[epoch] = np.where(np.isnan(column[epoch]), given, column[epoch])
+
+    def fill_together(self, epoch: Ints, **values: NDArray[Any]) -> None:
+        """Fill fields that belong together from one message: only where the first named has none, and then all of them."""
+        first = next(iter(values))
+        lacking = np.isnan(self[first][epoch]) & ~np.isnan(values[first])
+        for name, given in values.items():
+            self[name][epoch[lacking]] = given[lacking]
+
+
+def whole(values: NDArray[np.float64], dtype: str = "int64") -> Column:
+    """Return floats as whole numbers, absent where NaN."""
+    valid = ~np.isnan(values)
+    return Column(np.where(valid, values, 0).astype(dtype), valid)
+
+
+def absent_where(mask: NDArray[np.bool_], values: NDArray[Any]) -> NDArray[np.float64]:
+    """Return values as float64, NaN where masked."""
+    return np.where(mask, np.nan, values.astype(np.float64))
+
+
+def scaled(values: NDArray[Any], scale: float, unknown: int | None = None) -> NDArray[np.float64]:
+    """Return whole numbers times a scale, NaN where they are the value that means unknown."""
+    result = values.astype(np.float64) * scale
+    return result if unknown is None else np.where(values == unknown, np.nan, result)
+
+
+NO_ACCURACY = 0xFFFFFFFF
+"""What accuracies read when the receiver has no estimate."""
+NO_DOP = 9999
+"""What dilutions of precision read when the receiver has no estimate."""

@@ -1,0 +1,180 @@
+"""What time each epoch claims."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS, WEEK_NS
+from spoofbench_converters.ubx.batch import Batch, Picked
+from spoofbench_converters.ubx.frames import ROLES, Ints
+from spoofbench_converters.ubx.gpstime import GPS_EPOCH_NS, LEAP_SECONDS, MS_NS, SECOND_NS, leap_seconds, utc_ns, week_of
+from spoofbench_converters.ubx.messages import Role
+
+_ALL = 7  # date and time valid, and fully resolved
+_WEEK_MS = WEEK_NS // MS_NS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Claims:
+    """By epoch; the first two as in ``Epochs``.
+
+    Attributes:
+        week, tow_s: GPS week and time of week, NaN where not told; the week that UTC and time of week imply, where no message tells it.
+        time_valid: whether the receiver says that its time is valid; NaN where it does not say.
+        time_ms: time of week of the navigation epoch, -1 where none.
+    """
+
+    claimed_ns: Ints
+    period_ns: Ints
+    week: NDArray[np.float64]
+    tow_s: NDArray[np.float64]
+    time_valid: NDArray[np.float64]
+    time_ms: Ints
+
+
+class Clockwork:
+    """Reads epochs' times; remembers the last leap seconds told."""
+
+    def __init__(self) -> None:
+        self.leap_s: int | None = None
+
+    def read(self, batch: Batch) -> Claims:
+        """Return the claims of a batch.
+
+        UTC where it is valid and fully resolved; else week and time of week, less the leap seconds last told by the receiver
+        or else announced by then; else time of week, or time of day. None where messages say that it is not valid.
+        """
+        return _Reading(batch, self).claims()
+
+
+class _Reading:
+    def __init__(self, batch: Batch, clockwork: Clockwork) -> None:
+        count = batch.count
+        self.batch, self.clockwork = batch, clockwork
+        self.time_ms = _times(batch)
+        self.tow_ns = np.where((self.time_ms >= 0) & (self.time_ms < _WEEK_MS), self.time_ms * MS_NS, ABSENT_NS)
+        self.utc = np.full(count, ABSENT_NS)
+        self.unresolved = np.full(count, ABSENT_NS)
+        self.day = np.full(count, ABSENT_NS)
+        self.week = np.full(count, -1)
+        self.leap = np.full(count, -1)
+        self.valid = np.full(count, np.nan)
+        self.tow_said = np.full(count, np.nan)
+
+    def claims(self) -> Claims:
+        for system in ("NAV", "NAV2"):
+            for name in ("PVT", "PVAT"):
+                self._calendar(self.batch.one_of(f"{system}-{name}"))
+            self._week(self.batch.one_of(f"{system}-TIMEGPS"), 1, 2)
+            self._leaps(self.batch.one_of(f"{system}-TIMELS"), "currLs", "valid", 1)
+            self._timeutc(self.batch.one_of(f"{system}-TIMEUTC"))
+            status = self.batch.one_of(f"{system}-STATUS")
+            self._say(status.epoch, status.head["flags"] & 8 > 0, None)
+        self._week(self.batch.one_of("NAV-SOL"), 8, 4)
+        self._raw()
+        self._high_rate()
+        return self._decided()
+
+    def _calendar(self, picked: Picked) -> None:
+        flags, time = picked.head["valid"], utc_ns(picked.head)
+        time[flags & 2 == 0] = ABSENT_NS
+        self._tell(self.utc, picked.epoch, np.where(flags & _ALL == _ALL, time, ABSENT_NS))
+        self._tell(self.unresolved, picked.epoch, np.where(flags & 3 == 3, time, ABSENT_NS))
+        self._tell(self.day, picked.epoch, np.where(time == ABSENT_NS, ABSENT_NS, time % DAY_NS))
+        self._say(picked.epoch, flags & 2 > 0, flags & _ALL == _ALL)
+
+    def _timeutc(self, picked: Picked) -> None:
+        flags, time = picked.head["valid"], utc_ns(picked.head)
+        self._tell(self.utc, picked.epoch, np.where(flags & 4 > 0, time, ABSENT_NS))
+        self._say(picked.epoch, flags & 1 > 0, flags & 4 > 0)
+
+    def _week(self, picked: Picked, tow_flag: int, week_flag: int) -> None:
+        """Take week and fraction of NAV-TIMEGPS or NAV-SOL."""
+        head = picked.head
+        flags = head["valid"] if "valid" in (head.dtype.names or ()) else head["flags"]
+        tow_valid, week_valid = flags & tow_flag > 0, flags & week_flag > 0
+        self._tell(self.week, picked.epoch, np.where(week_valid & (head["week"] > 0), head["week"], -1), -1)
+        exact = self.tow_ns[picked.epoch] + head["fTOW"]
+        self.tow_ns[picked.epoch] = np.where(
+            tow_valid & (self.tow_ns[picked.epoch] == self.time_ms[picked.epoch] * MS_NS), exact, self.tow_ns[picked.epoch]
+        )
+        self._say(picked.epoch, tow_valid, tow_valid & week_valid)
+        if "leapS" in (head.dtype.names or ()):
+            self._leaps(picked, "leapS", "valid", 4)
+
+    def _leaps(self, picked: Picked, field: str, flags: str, flag: int) -> None:
+        told = picked.head[flags] & flag > 0
+        self._tell(self.leap, picked.epoch, np.where(told, picked.head[field], -1), -1)
+
+    def _raw(self) -> None:
+        """Take week and time of week of raw measurements, for epochs without a solution."""
+        for name in ("RXM-RAWX", "RXM-RAW"):
+            picked = self.batch.one_of(name)
+            head, epoch = picked.head, picked.epoch
+            turns = np.rint((self.batch.held.time_ms[picked.frames] - self.time_ms[epoch]) / _WEEK_MS).astype(np.int64)
+            self._tell(self.week, epoch, np.where(head["week"] > 0, head["week"] + turns, -1), -1)
+            if name == "RXM-RAWX":
+                self._leaps(picked, "leapS", "recStat", 1)
+                alone = self.time_ms[epoch] == self.batch.held.time_ms[picked.frames]
+                within = alone & (self.time_ms[epoch] >= 0)
+                exact = np.rint(np.where(within, head["rcvTow"], 0) * 1e9).astype(np.int64)
+                self.tow_ns[epoch] = np.where(within & np.isnan(self.tow_said[epoch]), exact, self.tow_ns[epoch])
+
+    def _high_rate(self) -> None:
+        picked = self.batch.all_of("HNR-PVT")
+        epoch, first = np.unique(picked.epoch, return_index=True)
+        head, time = picked.head[first], utc_ns(picked.head[first])
+        after = (head["iTOW"].astype(np.int64) - self.time_ms[epoch]) * MS_NS
+        known = (head["valid"] & 3 == 3) & (time != ABSENT_NS) & (self.time_ms[epoch] >= 0) & (np.abs(after) < DAY_NS)
+        self._tell(self.utc, epoch, np.where(known, time - np.where(known, after, 0), ABSENT_NS))
+
+    def _tell(self, what: Ints, epoch: Ints, values: Ints, absent: int = ABSENT_NS) -> None:
+        what[epoch] = np.where(what[epoch] == absent, values, what[epoch])
+
+    def _say(self, epoch: Ints, tow: NDArray[np.bool_], complete: NDArray[np.bool_] | None) -> None:
+        """Note whether any message says that the time of week is valid, and whether the first says that all of the time is."""
+        self.tow_said[epoch] = np.fmax(self.tow_said[epoch], tow)
+        if complete is not None:
+            self.valid[epoch] = np.where(np.isnan(self.valid[epoch]), complete, self.valid[epoch])
+
+    def _decided(self) -> Claims:
+        leap = self._carried_leaps()
+        tow = self.tow_ns != ABSENT_NS
+        rough = np.where(self.utc != ABSENT_NS, self.utc, self.unresolved)
+        implied = week_of(np.where(tow, rough - GPS_EPOCH_NS + LEAP_SECONDS * SECOND_NS, 0), np.where(tow, self.tow_ns, 0))
+        week = np.where((self.week < 0) & (rough != ABSENT_NS) & tow, implied, self.week)
+        trusted = tow & (np.nan_to_num(self.tow_said, nan=1.0) > 0)
+        gps_ns = np.where(tow, np.maximum(week, 0) * WEEK_NS + np.where(tow, self.tow_ns, 0), 0)
+        announced = np.where(week >= 0, leap_seconds(gps_ns), LEAP_SECONDS)
+        by_week = GPS_EPOCH_NS + gps_ns - np.where(leap >= 0, leap, announced) * SECOND_NS
+        claimed, period = self.utc.copy(), np.zeros(self.utc.size, np.int64)
+        for given, values, length in (
+            (trusted & (week >= 0), by_week, 0),
+            (self.day != ABSENT_NS, self.day, DAY_NS),
+            (trusted, by_week, WEEK_NS),
+        ):
+            chosen = (claimed == ABSENT_NS) & given
+            claimed[chosen], period[chosen] = values[chosen], length
+        tow_s = np.where(tow, self.tow_ns / 1e9, np.nan)
+        return Claims(claimed, period, np.where(week >= 0, week, np.nan), tow_s, self.valid, self.time_ms)
+
+    def _carried_leaps(self) -> Ints:
+        """Return the leap seconds last told up to each epoch, -1 where none, and remember the last."""
+        before = -1 if self.clockwork.leap_s is None else self.clockwork.leap_s
+        places = np.maximum.accumulate(np.where(self.leap >= 0, np.arange(self.leap.size), -1))
+        carried = np.where(places >= 0, self.leap[np.maximum(places, 0)], before)
+        if carried.size and carried[-1] >= 0:
+            self.clockwork.leap_s = int(carried[-1])
+        return carried
+
+
+def _times(batch: Batch) -> Ints:
+    """Return the time of week of each epoch in ms: of its solution, else of its raw measurement, else the second of its high rate."""
+    times = np.full(batch.count, -1)
+    held = batch.held
+    for role in (Role.HIGH_RATE, Role.RAW, Role.NAV):
+        rows = np.flatnonzero((ROLES[held.number] == role) & (held.time_ms >= 0))[::-1]
+        told = held.time_ms[rows]
+        times[batch.epoch[rows]] = told // 1000 * 1000 if role == Role.HIGH_RATE else told
+    return times

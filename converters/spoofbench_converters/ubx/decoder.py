@@ -1,0 +1,132 @@
+"""UBX: u-blox's binary messages into epochs and rows."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from spoofbench.converting import Rejects
+from spoofbench.errors import ConversionError
+from spoofbench_converters.stream.contract import ABSENT_NS, Epochs, Frames, Rows
+from spoofbench_converters.ubx import attitude, receiver, satellites
+from spoofbench_converters.ubx.batch import Batch
+from spoofbench_converters.ubx.claims import Clockwork
+from spoofbench_converters.ubx.device import Device
+from spoofbench_converters.ubx.frames import Held, accept
+from spoofbench_converters.ubx.grouping import Grouper
+from spoofbench_converters.ubx.inertial import Sensors
+from spoofbench_converters.ubx.merging import merged
+from spoofbench_converters.ubx.solution import Solutions
+
+_CONFLICTS, _CONFLICT_SHARE = 20, 0.05
+
+
+class UbxDecoder:
+    """Decodes one receiver's messages.
+
+    Sources: ``gnss0``, the receiver; ``gnss1``, its second solution without inertial sensors (NAV2); ``ins0``, its integrated solution
+    at navigation epochs, ``ins1`` that between them (HNR); ``imu0``, ``imu1``, ...: ESF-MEAS of each provider and ESF-RAW, as they appear.
+    """
+
+    protocol: Literal["ubx"] = "ubx"
+
+    def __init__(self) -> None:
+        self._held = Held.none()
+        self._grouper = Grouper()
+        self._clockwork, self._device, self._sensors = Clockwork(), Device(), Sensors()
+        self._solutions = {"NAV": Solutions(), "NAV2": Solutions()}
+        self._integrity = receiver.Integrity()
+        self._emitted = 0  # epochs
+        self._conflicts = 0
+        self._sources: set[str] = set()
+
+    def push(self, frames: Frames) -> Iterator[Epochs | Rejects]:
+        """Take the next piece's frames; yield what is complete, and frames that give no rows, with the reason."""
+        accepted, rejects = accept(frames)
+        yield from rejects
+        accepted = replace(accepted, epoch=self._grouper.assign(accepted))
+        self._held = self._held.join(accepted)
+        yield from self._emit(self._grouper.first_open)
+
+    def finish(self) -> Iterator[Epochs | Rejects]:
+        """Give what is still held.
+
+        Raises:
+            ConversionError: two receivers' solutions are interleaved.
+        """
+        yield from self._emit(self._grouper.end)
+        if self._conflicts >= _CONFLICTS and self._conflicts > _CONFLICT_SHARE * self._emitted:
+            raise ConversionError(
+                f"two UBX receivers are interleaved in this log: {self._conflicts} epochs have two solutions that differ; split it first"
+            )
+
+    def _emit(self, end: int) -> Iterator[Epochs | Rejects]:
+        """Yield the epochs before ``end``; keep the frames of the others."""
+        complete = self._held.epoch < end
+        ready = self._held.take(complete)
+        self._held = self._held.take(~complete).compact()
+        if not ready.number.size:
+            return
+        first = self._emitted
+        self._emitted = end
+        batch = Batch(ready, first, end - first)
+        epochs, rejects = self._decode(batch)
+        self._conflicts += batch.conflicts
+        yield from rejects
+        yield epochs
+
+    def _decode(self, batch: Batch) -> tuple[Epochs, list[Rejects]]:
+        claims = self._clockwork.read(batch)
+        rows: list[Rows] = []
+        for system, source in (("NAV", "gnss0"), ("NAV2", "gnss1")):
+            rows += self._solutions[system].rows(batch, claims, system, source)
+            rows += satellites.signals(batch, system, source)
+            rows += receiver.clock(batch, system, source)
+        rows += satellites.observations(batch, "gnss0")
+        rows += satellites.navigation_data(batch, "gnss0")
+        rows += receiver.front_end(batch, "gnss0")
+        rows += self._integrity.rows(batch, "gnss0")
+        rows += receiver.time_marks(batch, "gnss0")
+        rows += attitude.navigation(batch, "ins0")
+        rows += attitude.high_rate(batch, claims, "ins1")
+        rows += self._sensors.rows(batch)
+        self._device.read(batch)
+        self._sources.update(one.source for one in rows)
+        used, rejects = batch.settle()
+        opened, received = _begins(batch)
+        return Epochs(opened, claims.claimed_ns, claims.period_ns, received, used, merged(rows)), rejects
+
+    def about(self) -> Mapping[str, Mapping[str, str]]:
+        """Return, by source, what the messages tell of it; after :meth:`finish`."""
+        told: dict[str, dict[str, str]] = {source: {} for source in sorted(self._sources)}
+        for source in told:
+            told[source] |= {name: self._device.receiver[name] for name in ("device", "firmware") if name in self._device.receiver}
+        fused = self._solutions["NAV"].fused or self._device.fused
+        if "gnss0" in told:
+            told["gnss0"] |= self._device.receiver
+            if self._clockwork.leap_s is not None:
+                told["gnss0"]["leap_seconds"] = str(self._clockwork.leap_s)
+            if fused or self._solutions["NAV"].fixed:
+                told["gnss0"]["solution"] = "fused" if fused else "gnss"
+        if "gnss1" in told:
+            told["gnss1"]["solution"] = "gnss"
+        for source in ("ins0", "ins1"):
+            if source in told:
+                told[source] |= {"solution": "fused", **self._device.fusion, **self._device.alignment}
+        for (message, number), source in self._sensors.sources.items():
+            if source in told:
+                told[source] |= {
+                    "message": message,
+                    **({"provider": str(number)} if message == "ESF-MEAS" else {}),
+                    **self._device.alignment,
+                }
+        return told
+
+
+def _begins(batch: Batch) -> tuple[np.ndarray, np.ndarray]:
+    """Return offset and receive time of each epoch's first frame."""
+    offset, received = np.zeros(batch.count, np.int64), np.full(batch.count, ABSENT_NS)
+    offset[batch.epoch[::-1]] = batch.held.offset[::-1]
+    received[batch.epoch[::-1]] = batch.held.receive_time_ns[::-1]
+    return offset, received

@@ -1,0 +1,155 @@
+"""Inertial sensors and wheels (ESF-MEAS, ESF-RAW): rows with the sensor's own time ticks."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.recording import Column
+from spoofbench_converters.stream.contract import Rows
+from spoofbench_converters.ubx.batch import Batch, Cells
+from spoofbench_converters.ubx.frames import Ints
+from spoofbench_converters.ubx.gpstime import MS_NS
+
+_FIELDS = {  # by data type; u-blox M8 receiver description (UBX-13003221), section ESF Measurement Data
+    5: ("gyro_z_radps", np.pi / 180 * 2**-12),
+    12: ("temperature_degc", 1e-2),
+    13: ("gyro_y_radps", np.pi / 180 * 2**-12),
+    14: ("gyro_x_radps", np.pi / 180 * 2**-12),
+    16: ("accel_x_mps2", 2**-10),
+    17: ("accel_y_mps2", 2**-10),
+    18: ("accel_z_mps2", 2**-10),
+}
+_WHEELS = {6: "front-left", 7: "front-right", 8: "rear-left", 9: "rear-right", 10: "single"}
+_WORDS = tuple(_WHEELS.values())
+_SPEED, _SPEED_MPS = 11, 1e-3
+_TICKS = (1 << 23) - 1  # the top bit is the direction
+
+_RAW_BITS, _RAW_TICK_NS = 24, 39_062.5
+"""The counter of ESF-RAW, which no interface description tells: SENSORTIME of the Bosch BMI160 in u-blox M8 receivers (its data sheet)."""
+_RAW_TICKS_PER_MS = MS_NS / _RAW_TICK_NS
+
+
+@dataclass(slots=True)
+class _Counter:
+    """A counter that wraps, unwrapped as far as it has been read."""
+
+    last: int | None = None
+    total: int = 0
+    clock_ms: int = 0
+
+    def unwrap(self, values: Ints, bits: int, clock_ms: Ints | None = None) -> Ints:
+        """Continue the count; a step is the nearest, or the one nearest to what a slower clock tells of it."""
+        before = int(values[0]) if self.last is None else self.last
+        turn = 1 << bits
+        steps = np.diff(values, prepend=before) % turn
+        expected = np.zeros(values.size)
+        if clock_ms is not None:
+            start = int(clock_ms[0]) if self.last is None else self.clock_ms
+            elapsed = (np.diff(clock_ms, prepend=start) + (1 << 31)) % (1 << 32) - (1 << 31)
+            expected = elapsed * _RAW_TICKS_PER_MS
+            self.clock_ms = int(clock_ms[-1])
+        steps += turn * np.rint((expected - steps) / turn).astype(np.int64)
+        if self.last is None:
+            self.total = before
+        counts = self.total + np.cumsum(steps)
+        self.last, self.total = int(values[-1]), int(counts[-1])
+        return np.asarray(counts)
+
+
+class Sensors:
+    """Makes ``imu`` and ``odometer`` rows; numbers the sources as they appear and unwraps their counters."""
+
+    def __init__(self) -> None:
+        self.sources: dict[tuple[str, int], str] = {}
+        self._counters: dict[tuple[str, int], _Counter] = {}
+
+    def rows(self, batch: Batch) -> list[Rows]:
+        """Return the rows of a batch.
+
+        Data of one tick are one row. ESF-MEAS data are those that the receiver uses, of each provider a source; ESF-RAW data are
+        those of its inner sensor before that. Both are uncalibrated. Specific force in m/s^2, rates in rad/s.
+        """
+        measured, raw = batch.all_of("ESF-MEAS"), batch.all_of("ESF-RAW")
+        keys = [("ESF-MEAS", int(number)) for number in np.unique(measured.head["id"])] + [("ESF-RAW", 0)] * bool(raw.frames.size)
+        begins = {key: int(raw.frames[0] if key[0] == "ESF-RAW" else measured.frames[measured.head["id"] == key[1]][0]) for key in keys}
+        for key in sorted(begins, key=begins.__getitem__):
+            self.sources.setdefault(key, f"imu{len(self.sources)}")
+            self._counters.setdefault(key, _Counter())
+        blocks, place = batch.blocks("ESF-MEAS", measured)
+        tagged = measured.head["flags"] >> 3 & 1 > 0
+        last = np.append(place[1:] != place[:-1], True)[: place.size]
+        data = ~(last & tagged[place])  # the last word is then the time tag in the receiver's clock
+        found = []
+        for key in keys:
+            if key[0] == "ESF-RAW":
+                found += self._raw(batch, key)
+            else:
+                chosen = data & (measured.head["id"][place] == key[1])
+                frames = np.flatnonzero(measured.head["id"] == key[1])
+                ticks = np.zeros(measured.frames.size, np.int64)
+                ticks[frames] = self._counters[key].unwrap(measured.head["timeTag"][frames].astype(np.int64), 32) * MS_NS
+                found += _rows(batch, self.sources[key], measured.frames[place[chosen]], ticks[place[chosen]], blocks["data"][chosen])
+        gave = [batch.held.epoch[:0], *(one.frames for one in found)]
+        batch.use(np.concatenate(gave))
+        for picked in (measured, raw):
+            batch.refuse(np.setdiff1d(picked.frames, np.concatenate(gave)), "no data of a type in the schema")
+        return [one.rows for one in found]
+
+    def _raw(self, batch: Batch, key: tuple[str, int]) -> "list[_Found]":
+        picked = batch.all_of("ESF-RAW")
+        blocks, place = batch.blocks("ESF-RAW", picked)
+        if not blocks.size:
+            return []
+        tags = blocks["sTtag"].astype(np.int64) & ((1 << _RAW_BITS) - 1)
+        count = self._counters[key].unwrap(tags, _RAW_BITS, picked.head["msss"][place].astype(np.int64))
+        ticks = np.rint(count * _RAW_TICK_NS).astype(np.int64)
+        return _rows(batch, self.sources[key], picked.frames[place], ticks, blocks["data"])
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    rows: Rows
+    frames: Ints
+
+
+def _rows(batch: Batch, source: str, frames: Ints, ticks: Ints, words: NDArray[np.uint32]) -> list[_Found]:
+    """Return rows of data words: types in the upper 6 or 8 bits, signed values in the lower 24."""
+    kind = (words >> 24 & 63).astype(np.int64)
+    value = (words << 8).view(np.int32).astype(np.int64) >> 8
+    found = []
+    sensed = np.isin(kind, list(_FIELDS))
+    if sensed.any():
+        first, row = _instants(ticks[sensed], kind[sensed])
+        columns: Cells = {name: np.full(first.size, np.nan) for name, _ in _FIELDS.values()}
+        for number, (name, scale) in _FIELDS.items():
+            mine = kind[sensed] == number
+            columns[name][row[mine]] = value[sensed][mine] * scale
+        found.append(_Found(batch.rows(source, "imu", frames[sensed][first], columns, tick_ns=ticks[sensed][first]), frames[sensed]))
+    rolled = (kind == _SPEED) | np.isin(kind, list(_WHEELS))
+    if rolled.any():
+        of_wheel = np.full(64, -1, np.int32)
+        of_wheel[list(_WHEELS)] = np.arange(len(_WHEELS))
+        wheel, speed = of_wheel[kind[rolled]], kind[rolled] == _SPEED
+        columns = {
+            "speed_mps": np.where(speed, value[rolled] * _SPEED_MPS, np.nan),
+            "ticks": Column(np.where(speed, 0, words[rolled] & _TICKS).astype(np.int64), ~speed),
+            "wheel": Column(wheel, None, _WORDS),
+        }
+        found.append(_Found(batch.rows(source, "odometer", frames[rolled], columns, tick_ns=ticks[rolled]), frames[rolled]))
+    return found
+
+
+def _instants(ticks: Ints, kind: Ints) -> tuple[Ints, Ints]:
+    """Group neighbouring data of one tick into instants; return the first datum of each, and the instant of each datum.
+
+    A type that comes again begins another instant.
+    """
+    fresh = np.ones(ticks.size, bool)
+    fresh[1:] = ticks[1:] != ticks[:-1]
+    row = np.cumsum(fresh) - 1
+    order = np.lexsort((np.arange(kind.size), kind, row))
+    again = np.zeros(kind.size, bool)
+    again[order[1:]] = (row[order[1:]] == row[order[:-1]]) & (kind[order[1:]] == kind[order[:-1]])
+    fresh |= again
+    return np.flatnonzero(fresh), np.cumsum(fresh) - 1

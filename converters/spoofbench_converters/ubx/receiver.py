@@ -1,0 +1,216 @@
+"""The receiver's own state: clock, front end, its word on jamming and spoofing, time marks."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.recording import Column
+from spoofbench.schema.v1 import gnss_pb2
+from spoofbench_converters.stream.contract import Rows
+from spoofbench_converters.ubx.batch import NO_ACCURACY, Batch, Cells, absent_where, scaled
+from spoofbench_converters.ubx.frames import Ints
+from spoofbench_converters.ubx.messages import MON_HW_6, SEC_SIG
+
+_AGC_RANGE, _JAM_RANGE = 8191, 255
+_HW_6_BYTES = 68
+_SPOOFING = np.array(
+    [
+        gnss_pb2.SPOOFING_STATE_UNKNOWN,
+        gnss_pb2.SPOOFING_STATE_NONE,
+        gnss_pb2.SPOOFING_STATE_INDICATED,
+        gnss_pb2.SPOOFING_STATE_CONFIRMED,
+    ]
+)
+_JAMMING = np.array(
+    [
+        gnss_pb2.JAMMING_STATE_UNKNOWN,
+        gnss_pb2.JAMMING_STATE_NONE,
+        gnss_pb2.JAMMING_STATE_WARNING,
+        gnss_pb2.JAMMING_STATE_CRITICAL,
+    ]
+)
+_SIGLOG_KINDS = 2  # 0 a simulated signal, 1 an abnormal one
+_SIGLOG_STARTED, _SIGLOG_STOPPED = 0, 1
+_TIME_BASES = ("receiver", "gnss", "utc")
+
+
+def clock(batch: Batch, system: str, source: str) -> list[Rows]:
+    """Return ``gnss/clock`` rows of NAV-CLOCK: ns, ns/s, ns and ps/s."""
+    picked = batch.one_of(f"{system}-CLOCK")
+    if not picked.frames.size:
+        return []
+    batch.use(picked.frames)
+    head = picked.head
+    columns: Cells = {
+        "bias_s": scaled(head["clkB"], 1e-9),
+        "drift_sps": scaled(head["clkD"], 1e-9),
+        "acc_s": scaled(head["tAcc"], 1e-9, NO_ACCURACY),
+        "drift_acc_sps": scaled(head["fAcc"], 1e-12, NO_ACCURACY),
+    }
+    return [batch.rows(source, "gnss/clock", picked.frames, columns)]
+
+
+def front_end(batch: Batch, source: str) -> list[Rows]:
+    """Return ``gnss/rf`` rows, one per block of MON-RF, one per MON-HW in epochs without MON-RF.
+
+    The AGC count is told as a share of 8191, the jamming indicator of 255 (UBX-MON-RF, agcCnt and jamInd). Block 0 is the L1 band;
+    which band others are depends on the product, so they are named by their number.
+    """
+    found = []
+    picked = batch.all_of("MON-RF")
+    blocks, place = batch.blocks("MON-RF", picked)
+    if picked.frames.size:
+        batch.use(picked.frames)
+        words = ("L1", *(str(number) for number in range(1, 256)))
+        band = Column(blocks["blockId"].astype(np.int32), None, words)
+        found.append(batch.rows(source, "gnss/rf", picked.frames[place], {"band": band} | _gain(blocks)))
+    frames, head = _hardware(batch)
+    told = np.isin(batch.epoch[frames], picked.epoch)
+    batch.refuse(frames[told], "told by MON-RF of its epoch")
+    if not told.all():
+        batch.use(frames[~told])
+        band = Column(np.zeros(np.count_nonzero(~told), np.int32), None, ("L1",))
+        found.append(batch.rows(source, "gnss/rf", frames[~told], {"band": band} | _gain(head[~told])))
+    return found
+
+
+def _gain(fields: NDArray[np.void]) -> Cells:
+    return {
+        "agc": fields["agcCnt"] / _AGC_RANGE,
+        "noise": fields["noisePerMS"].astype(float),
+        "jam_indicator": fields["jamInd"] / _JAM_RANGE,
+    }
+
+
+def _hardware(batch: Batch) -> tuple[Ints, NDArray[np.void]]:
+    """Return the frames of MON-HW, and the fields that its two layouts share."""
+    new, old = batch.all_of("MON-HW"), batch.all_of("MON-HW", MON_HW_6)
+    names = ["noisePerMS", "agcCnt", "flags", "jamInd"]
+    head = np.zeros(new.frames.size, [(name, new.head.dtype[name]) for name in names])
+    before_8 = batch.held.size[new.frames] == _HW_6_BYTES
+    for name in names:
+        head[name] = np.where(before_8, old.head[name], new.head[name])
+    return new.frames, head
+
+
+class Integrity:
+    """Makes ``gnss/integrity`` rows: of SEC-SIG and SEC-SIGLOG, and until a log has SEC-SIG, one per epoch of older messages.
+
+    SEC-SIG tells spoofing (spoofingState: 1 none, 2 indicated, 3 affirmed) and jamming (jammingState: 1 none, 2 indicated with the fix
+    still good, 3 no reliable fix), unknown while its detection is off. Older receivers tell spoofing by NAV-STATUS (spoofDetState:
+    1 none, 2 indicated, 3 several indications) and jamming by MON-RF or MON-HW (jammingState, of which the worst band's counts);
+    receivers with SEC-SIG leave these at 0. 0 is unknown throughout.
+
+    ``raw`` holds, of SEC-SIG, its spoofing byte and above it its jamming byte, in version 2 the one byte of both; else flags2 of
+    NAV-STATUS and above it flags of MON-RF's block or MON-HW; of SEC-SIGLOG, detectionType and above it eventType.
+    """
+
+    def __init__(self) -> None:
+        self._has_security = False
+
+    def rows(self, batch: Batch, source: str) -> list[Rows]:
+        """Return the rows of a batch."""
+        found = []
+        security = batch.all_of("SEC-SIG", SEC_SIG)
+        older = np.zeros(batch.count, bool)
+        if not self._has_security:
+            older[: int(security.epoch.min()) if security.epoch.size else batch.count] = True
+        if security.frames.size:
+            self._has_security = True
+            batch.use(security.frames)
+            found.append(batch.rows(source, "gnss/integrity", security.frames, _security(security.head)))
+        return [*_older(batch, older, source), *found, *_events(batch, source)]
+
+
+def _security(head: NDArray[np.void]) -> Cells:
+    old = head["version"] == 1
+    jam, spoof = np.where(old, head["jam"], head["both"] & 7), np.where(old, head["spoof"], head["both"] >> 3)
+    raw = np.where(old, spoof.astype(np.int64) | jam.astype(np.int64) << 8, head["both"])
+    return {
+        "spoofing": np.where(spoof & 1 > 0, _state(_SPOOFING, spoof >> 1 & 7), 0),
+        "jamming": np.where(jam & 1 > 0, _state(_JAMMING, jam >> 1 & 3), 0),
+        "raw": raw,
+    }
+
+
+def _state(states: NDArray[np.integer], told: NDArray[np.integer]) -> NDArray[np.integer]:
+    return np.where(told < states.size, states[np.minimum(told, states.size - 1)], 0)
+
+
+def _older(batch: Batch, wanted: NDArray[np.bool_], source: str) -> list[Rows]:
+    """Return one row per wanted epoch with NAV-STATUS, MON-RF or MON-HW."""
+    spoofing, jamming = np.full(batch.count, -1), np.full(batch.count, -1)
+    raw, frame = np.zeros(batch.count, np.int64), np.full(batch.count, -1)
+    rf = batch.all_of("MON-RF")
+    blocks, place = batch.blocks("MON-RF", rf)
+    frames, head = _hardware(batch)
+    for epoch, rows, flags, state in (
+        (rf.epoch[place], rf.frames[place], blocks["flags"], blocks["flags"] & 3),
+        (batch.epoch[frames], frames, head["flags"], head["flags"] >> 2 & 3),
+    ):
+        order = np.argsort(state, kind="stable")  # of one epoch's, the worst is written last
+        jamming[epoch[order]] = _state(_JAMMING, state)[order]
+        raw[epoch[order]] = flags[order].astype(np.int64) << 8
+        frame[epoch] = rows
+    status = batch.one_of("NAV-STATUS")
+    flags = status.head["flags2"]
+    spoofing[status.epoch] = _state(_SPOOFING, flags >> 3 & 3)
+    raw[status.epoch] |= flags
+    frame[status.epoch] = status.frames
+    told = np.flatnonzero(wanted & (frame >= 0))
+    if not told.size:
+        return []
+    batch.use(frame[told])
+    columns: Cells = {
+        "spoofing": Column(np.maximum(spoofing[told], 0), spoofing[told] >= 0),
+        "jamming": Column(np.maximum(jamming[told], 0), jamming[told] >= 0),
+        "raw": raw[told],
+    }
+    return [batch.rows(source, "gnss/integrity", frame[told], columns)]
+
+
+def _events(batch: Batch, source: str) -> list[Rows]:
+    """Return rows of the events in SEC-SIGLOG that began within a second of its output.
+
+    A report lists past events again and again; those that are older were either reported before or lie before the log.
+    """
+    picked = batch.all_of("SEC-SIGLOG")
+    blocks, place = batch.blocks("SEC-SIGLOG", picked)
+    fresh = (blocks["timeElapsed"] <= 1) & (blocks["eventType"] <= _SIGLOG_STOPPED) & (blocks["detectionType"] < _SIGLOG_KINDS)
+    frames = picked.frames[place[fresh]]
+    batch.use(frames)
+    batch.refuse(np.setdiff1d(picked.frames, frames), "no event within the last second")
+    if not frames.size:
+        return []
+    event = blocks[fresh]
+    began = event["eventType"] == _SIGLOG_STARTED
+    columns: Cells = {
+        "spoofing": np.where(began, gnss_pb2.SPOOFING_STATE_INDICATED, gnss_pb2.SPOOFING_STATE_NONE),
+        "raw": event["detectionType"].astype(np.int64) | event["eventType"].astype(np.int64) << 8,
+    }
+    return [batch.rows(source, "gnss/integrity", frames, columns)]
+
+
+def time_marks(batch: Batch, source: str) -> list[Rows]:
+    """Return ``gnss/timemark`` rows of TIM-TM2: the edges that are new, in its week and time of week where its time is valid."""
+    picked = batch.all_of("TIM-TM2")
+    flags = picked.head["flags"]
+    rising, falling, valid = flags & 128 > 0, flags & 4 > 0, flags & 64 > 0
+    batch.refuse(picked.frames[~(rising | falling)], "no new edge")
+    keep = rising | falling
+    frames, head = picked.frames[keep], picked.head[keep]
+    if not frames.size:
+        return []
+    batch.use(frames)
+    base = flags[keep] >> 3 & 3
+    columns: Cells = {
+        "channel": head["ch"].astype(np.int64),
+        "count": head["count"].astype(np.int64),
+        "acc_s": scaled(head["accEst"], 1e-9, NO_ACCURACY),
+        "time_base": Column(np.where(base < len(_TIME_BASES), base, -1).astype(np.int32), None, _TIME_BASES),
+    }
+    for edge, letter, new in (("rising", "R", rising[keep]), ("falling", "F", falling[keep])):
+        told = new & valid[keep]
+        columns[f"{edge}_week"] = Column(np.where(told, head[f"wn{letter}"], 0).astype(np.int64), told)
+        tow = head[f"towMs{letter}"].astype(np.float64) * 1e-3 + head[f"towSubMs{letter}"] * 1e-9
+        columns[f"{edge}_tow_s"] = absent_where(~told, tow)
+    return [batch.rows(source, "gnss/timemark", frames, columns)]

@@ -1,0 +1,177 @@
+"""Satellites: signals in view, raw observations, and the bits that they broadcast."""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.recording import Column, encode_words
+from spoofbench_converters.stream.contract import Rows
+from spoofbench_converters.ubx.batch import Batch, Cells, absent_where
+from spoofbench_converters.ubx.frames import Ints
+from spoofbench_converters.ubx.numbering import GLONASS, constellation, numbered, signal_codes
+
+
+def signals(batch: Batch, system: str, source: str) -> list[Rows]:
+    """Return ``gnss/signal`` rows of NAV-SIG, with directions of NAV-SAT; where an epoch has no NAV-SIG of NAV-SAT, or NAV-SVINFO.
+
+    A C/N0 of 0 is that of a satellite not received: absent, as its residual. Directions are absent where the elevation
+    is out of range, which is how the receiver says that it does not know them (UBX-NAV-SAT, elev).
+    """
+    names = ("SIG", "SAT", "SVINFO") if system == "NAV" else ("SIG", "SAT")
+    picked = {name: batch.one_of(f"{system}-{name}") for name in names}
+    found = []
+    seen = np.zeros(batch.count, bool)
+    for name, one in picked.items():
+        fresh = ~seen[one.epoch]
+        if name == "SVINFO":
+            batch.refuse(one.frames[~fresh], "NAV-SIG or NAV-SAT of its epoch says more")
+        chosen = one.take(fresh)
+        blocks, place = batch.blocks(f"{system}-{name}", chosen)
+        columns = _signal(name, blocks)
+        if name == "SIG":
+            sky, sky_place = batch.blocks(f"{system}-SAT", picked["SAT"])
+            columns |= _directions(chosen.epoch[place], blocks, picked["SAT"].epoch[sky_place], sky)
+        batch.use(chosen.frames)
+        seen[one.epoch] = True
+        if blocks.size:
+            found.append(batch.rows(source, "gnss/signal", chosen.frames[place], columns))
+    return found
+
+
+def _signal(name: str, blocks: NDArray[np.void]) -> Cells:
+    silent = blocks["cno"] == 0
+    columns: Cells = {"cn0_dbhz": absent_where(silent, blocks["cno"])}
+    if name == "SIG":
+        columns |= numbered(blocks["gnssId"], blocks["svId"])
+        columns |= {"signal": signal_codes(blocks["gnssId"], blocks["sigId"]), "used": blocks["sigFlags"] & 0b111000 > 0}
+        columns["residual_m"] = absent_where(silent, blocks["prRes"] * 0.1)
+        return columns
+    if name == "SAT":
+        columns |= numbered(blocks["gnssId"], blocks["svId"])
+        columns |= {"used": blocks["flags"] & 8 > 0, "residual_m": absent_where(silent, blocks["prRes"] * 0.1)}
+    else:
+        columns |= numbered(*constellation(blocks["svid"]))
+        columns |= {"used": blocks["flags"] & 1 > 0, "residual_m": absent_where(silent, blocks["prRes"] * 0.01)}
+    return columns | _direction(blocks["elev"], blocks["azim"])
+
+
+def _direction(elevation: NDArray[np.int8], azimuth: NDArray[np.int16]) -> Cells:
+    unknown = np.abs(elevation.astype(np.int64)) > 90
+    return {
+        "elevation_deg": absent_where(unknown, elevation),
+        "azimuth_deg": absent_where(unknown | (azimuth < 0) | (azimuth > 360), azimuth),
+    }
+
+
+def _directions(epoch: Ints, blocks: NDArray[np.void], sky_epoch: Ints, sky: NDArray[np.void]) -> Cells:
+    """Find each signal's satellite among those of NAV-SAT in its epoch."""
+    wanted = epoch << 16 | blocks["gnssId"].astype(np.int64) << 8 | blocks["svId"]
+    have = sky_epoch << 16 | sky["gnssId"].astype(np.int64) << 8 | sky["svId"]
+    if not have.size:
+        return {}
+    order = np.argsort(have, kind="stable")
+    place = order[np.minimum(np.searchsorted(have[order], wanted), have.size - 1)]
+    found = have[place] == wanted
+    columns = _direction(sky["elev"][place], sky["azim"][place])
+    return {name: absent_where(~found, values) for name, values in columns.items()}
+
+
+def observations(batch: Batch, source: str) -> list[Rows]:
+    """Return ``gnss/observation`` rows of RXM-RAWX, RXM-RAW, or, in epochs without either, RXM-MEASX."""
+    found = []
+    measured = np.zeros(batch.count, bool)
+    for name in ("RXM-RAWX", "RXM-RAW", "RXM-MEASX"):
+        picked = batch.one_of(name)
+        fresh = ~measured[picked.epoch]
+        batch.refuse(picked.frames[~fresh], "RXM-RAWX or RXM-RAW of its epoch says more")
+        batch.use(picked.frames[fresh])
+        measured[picked.epoch] = True
+        chosen = picked.take(fresh)
+        blocks, place = batch.blocks(name, chosen)
+        if blocks.size:
+            read = {"RXM-RAW": _raw, "RXM-MEASX": _measx}
+            columns = read[name](blocks) if name in read else _rawx(blocks, chosen.head["version"][place])
+            found.append(batch.rows(source, "gnss/observation", chosen.frames[place], columns))
+    return found
+
+
+def _rawx(blocks: NDArray[np.void], version: NDArray[np.uint8]) -> Cells:
+    """UBX-RXM-RAWX: standard deviations are 0.01 m and 0.002 Hz times a power of two, and steps of 0.004 cycles, 15 of which mean none.
+
+    Version 0, of u-blox M8, has no signal number: its receivers have the first signal only. Lock time stops at 64.5 s.
+    """
+    gnss, status = blocks["gnssId"], blocks["trkStat"]
+    ranged, tracked = status & 1 > 0, status & 2 > 0
+    code, carrier, doppler = (blocks[name] & 15 for name in ("prStdev", "cpStdev", "doStdev"))
+    slot = blocks["freqId"].astype(np.int64) - 7
+    return numbered(gnss, blocks["svId"]) | {
+        "signal": signal_codes(gnss, np.where(version == 0, 0, blocks["sigId"])),
+        "pseudorange_m": absent_where(~ranged, blocks["prMes"]),
+        "carrier_cycles": absent_where(~tracked, blocks["cpMes"]),
+        "doppler_hz": blocks["doMes"].astype(np.float64),
+        "cn0_dbhz": absent_where(blocks["cno"] == 0, blocks["cno"]),
+        "lock_time_s": blocks["locktime"] * 1e-3,
+        "pseudorange_std_m": absent_where(~ranged, 0.01 * 2.0**code),
+        "carrier_std_cycles": absent_where(~tracked | (carrier == 15), 0.004 * carrier),
+        "doppler_std_hz": 0.002 * 2.0**doppler,
+        "frequency_slot": Column(np.where(gnss == GLONASS, slot, 0), gnss == GLONASS),
+    }
+
+
+def _raw(blocks: NDArray[np.void]) -> Cells:
+    """UBX-RXM-RAW, GPS L1 of timing receivers before u-blox M8: mesQI from 4 on range and Doppler are good, from 5 on the carrier too."""
+    gnss, number = constellation(blocks["sv"])
+    good, locked = blocks["mesQI"] >= 4, blocks["mesQI"] >= 5
+    return numbered(gnss, number) | {
+        "signal": signal_codes(gnss, np.zeros_like(gnss)),
+        "pseudorange_m": absent_where(~good, blocks["prMes"]),
+        "carrier_cycles": absent_where(~locked, blocks["cpMes"]),
+        "doppler_hz": absent_where(~good, blocks["doMes"]),
+        "cn0_dbhz": absent_where(blocks["cno"] <= 0, blocks["cno"]),
+    }
+
+
+def _measx(blocks: NDArray[np.void]) -> Cells:
+    """UBX-RXM-MEASX: Doppler in steps of 0.2 Hz; its code phases are no pseudoranges, for they lack the whole milliseconds."""
+    return numbered(blocks["gnssId"], blocks["svId"]) | {
+        "doppler_hz": blocks["dopplerHz"] * 0.2,
+        "cn0_dbhz": absent_where(blocks["cNo"] == 0, blocks["cNo"]),
+    }
+
+
+def navigation_data(batch: Batch, source: str) -> list[Rows]:
+    """Return ``gnss/navdata`` rows of RXM-SFRBX and RXM-SFRB: words of 32 bits as received, most significant byte first.
+
+    A GPS word of 30 bits stands in the lower bits of its 32. RXM-SFRBX before version 2 names no signal.
+    """
+    found = []
+    picked = batch.all_of("RXM-SFRBX")
+    if picked.frames.size:
+        blocks, place = batch.blocks("RXM-SFRBX", picked)
+        words = blocks["dwrd"].astype(">u4").tobytes()
+        ends = np.cumsum(np.bincount(place, minlength=picked.frames.size)) * 4
+        gnss = picked.head["gnssId"]
+        codes = signal_codes(gnss, picked.head["sigId"])
+        columns = numbered(gnss, picked.head["svId"]) | {
+            "signal": Column(np.where(picked.head["version"] >= 2, codes.values, -1).astype(np.int32), None, codes.words),
+            "subframe": _subframes(words, ends),
+        }
+        batch.use(picked.frames)
+        found.append(batch.rows(source, "gnss/navdata", picked.frames, columns))
+    picked = batch.all_of("RXM-SFRB")
+    if picked.frames.size:
+        gnss, number = constellation(picked.head["svid"])
+        words = picked.head["dwrd"].astype(">u4").tobytes()
+        columns = numbered(gnss, number) | {
+            "signal": signal_codes(gnss, np.zeros_like(gnss)),
+            "subframe": _subframes(words, np.arange(1, picked.frames.size + 1) * 40),
+        }
+        batch.use(picked.frames)
+        found.append(batch.rows(source, "gnss/navdata", picked.frames, columns))
+    return found
+
+
+def _subframes(words: bytes, ends: Ints) -> Column:
+    cuts = [0, *ends.tolist()]
+    return encode_words([words[start:end] for start, end in pairwise(cuts)])
