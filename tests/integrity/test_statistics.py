@@ -6,7 +6,7 @@ from scipy import stats
 
 from spoofbench.integrity import ALTITUDE, Run, Scenario, monitor_of, worst_fault
 from spoofbench.integrity.risk import log_missed
-from spoofbench.integrity.tracking import _conditional, exact, log_general_chi2, log_general_chi2_near, sampled, tracking
+from spoofbench.integrity.tracking import _conditional, drawn, exact, log_general_chi2, log_general_chi2_near, sampled, tracking
 
 RUNS = 5000
 
@@ -79,9 +79,10 @@ def test_general_chi_square_agrees_with_samples_and_with_its_approximation() -> 
 def test_tracking_errors_exact_and_sampled_agree(quick: tuple[Scenario, Run]) -> None:
     scenario, run = quick
     of = tracking(run, monitor_of(scenario, run))
+    draws = drawn(of, 20_000, np.random.default_rng(4))
     for sigma in (0.0, 0.0005, 0.001):
         ours = exact(of, sigma)
-        assert sampled(of, sigma, 20_000, np.random.default_rng(4)).log10_risk == pytest.approx(ours.log10_risk, abs=0.05)
+        assert sampled(of, sigma, draws).log10_risk == pytest.approx(ours.log10_risk, abs=0.05)
 
 
 def test_conditional_parts_add_up(quick: tuple[Scenario, Run]) -> None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 
 from spoofbench.integrity.model import Array, LinearModel
 
@@ -62,7 +62,7 @@ def _epoch(model: LinearModel, covariance: Array) -> tuple[Array, Array, Array, 
     predicted = model.transition @ covariance @ model.transition.T + model.process
     crossed = observation @ predicted
     innovation = crossed @ observation.T + model.noise
-    gain = cho_solve(cho_factor(innovation, check_finite=False), crossed, check_finite=False).T
+    gain = dposv(innovation, crossed)[1].T  # by Cholesky: S is symmetric and positive
     kept = np.eye(len(predicted)) - gain @ observation
     updated = kept @ predicted @ kept.T + gain @ model.noise @ gain.T
     return predicted, (updated + updated.T) / 2, gain, innovation

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize, stats
+from scipy.special import log_ndtr
 
 from spoofbench.integrity.model import Array
 
@@ -39,8 +40,7 @@ class WorstCase:
 def log_exceedance(mean_m: ArrayLike, deviation_m: float, limit_m: float) -> Array:
     """Return ln Pr(|eps| > l), eps ~ N(mean, deviation^2)."""
     mean = np.asarray(mean_m, float)
-    above = stats.norm.logsf((limit_m - mean) / deviation_m)
-    below = stats.norm.logcdf((-limit_m - mean) / deviation_m)
+    above, below = log_ndtr((mean - limit_m) / deviation_m), log_ndtr((-limit_m - mean) / deviation_m)
     return np.asarray(np.logaddexp(above, below))
 
 
@@ -58,7 +58,7 @@ def log_missed(noncentrality_squared: ArrayLike, threshold_squared: float, degre
     p = (degrees + 2 * shift) / total**2
     m = (h - 1) * (1 - 3 * h)
     z = ((threshold_squared / total) ** h - (1 + h * p * (h - 1 - 0.5 * (2 - h) * m * p))) / (h * np.sqrt(2 * p) * (1 + 0.5 * m * p))
-    return np.asarray(np.where(exact > -270, exact, np.minimum(stats.norm.logcdf(z), -270.0)))
+    return np.asarray(np.where(exact > -270, exact, np.minimum(log_ndtr(z), -270.0)))
 
 
 def log_risk(error_m: ArrayLike, monitor: Monitor) -> Array:

@@ -4,7 +4,7 @@ Each study returns columns of equal length. Risks are those of the worst case ov
 given as log10 besides, since the smallest cannot be written as a number.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from spoofbench.integrity import monitor_of, monitored, slopes_squared
 from spoofbench.integrity.filtering import Run
 from spoofbench.integrity.risk import WorstCase, worst_case
 from spoofbench.integrity.scenario import Scenario
-from spoofbench.integrity.tracking import Tracking, exact, sampled, tracking
+from spoofbench.integrity.tracking import Tracking, drawn, exact, sampled, tracking
 
 Columns = dict[str, list[Any]]
 
@@ -29,11 +29,15 @@ def over_rates(scenario: Scenario, rates_hz: Sequence[float], periods_s: Sequenc
         for period in periods_s:
             monitor = monitor_of(at, run, epochs=at.epochs(period))
             worst = worst_case(monitor)
-            rows.append({"rate_hz": rate, "period_s": period, **risk(worst), "slope_m": monitor.slope_m, "deviation_m": monitor.deviation_m})
+            rows.append(
+                {"rate_hz": rate, "period_s": period, **risk(worst), "slope_m": monitor.slope_m, "deviation_m": monitor.deviation_m}
+            )
     return columns(rows)
 
 
-def over_tracking(scenario: Scenario, run: Run, sigmas_m: Sequence[float], periods_s: Sequence[float], samples: Sequence[int] = ()) -> Columns:
+def over_tracking(
+    scenario: Scenario, run: Run, sigmas_m: Sequence[float], periods_s: Sequence[float], samples: Sequence[int] = ()
+) -> Columns:
     """Return ``sigma_mm period_s integrity_risk log10_integrity_risk error_m noncentrality method``.
 
     ``method`` is ``exact``, or ``samples-<m>`` for each number of samples asked for.
@@ -41,7 +45,10 @@ def over_tracking(scenario: Scenario, run: Run, sigmas_m: Sequence[float], perio
     rows = []
     for period in periods_s:
         of = _tracking(scenario, run, 1, scenario.epochs(period))
-        rows += [{"sigma_mm": 1000 * sigma, "period_s": period, **row} for sigma in sigmas_m for row in _methods(of, sigma, samples)]
+        draws = {count: drawn(of, count, np.random.default_rng(0)) for count in samples}
+        for sigma in sigmas_m:
+            worst = {"exact": exact(of, sigma)} | {f"samples-{count}": sampled(of, sigma, draws[count]) for count in samples}
+            rows += [{"sigma_mm": 1000 * sigma, "period_s": period, **risk(case), "method": method} for method, case in worst.items()]
     return columns(rows)
 
 
@@ -80,9 +87,3 @@ def columns(rows: Sequence[dict[str, Any]]) -> Columns:
 
 def _tracking(scenario: Scenario, run: Run, first: int, last: int) -> Tracking:
     return tracking(run.until(last), monitor_of(scenario, run, first, last), first)
-
-
-def _methods(of: Tracking, sigma_m: float, samples: Sequence[int]) -> Iterator[dict[str, Any]]:
-    yield {**risk(exact(of, sigma_m)), "method": "exact"}
-    for count in samples:
-        yield {**risk(sampled(of, sigma_m, count, np.random.default_rng(0))), "method": f"samples-{count}"}

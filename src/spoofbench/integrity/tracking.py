@@ -93,18 +93,30 @@ def exact(of: Tracking, sigma_m: float) -> WorstCase:
     if sigma_m == 0:
         return worst_case(of.monitor)
     error, _ = maximised(lambda error: log_risk_tracking(of, sigma_m, error, log_general_chi2_near), of.monitor.alert_limit_m)
-    log = log_risk_tracking(of, sigma_m, error, log_general_chi2)
+    log = log_risk_tracking(of, sigma_m, error, _log_general_chi2_where_it_counts)
     return WorstCase(error / of.monitor.slope_m, error, log / np.log(10))
 
 
 def log_risk_tracking(of: Tracking, sigma_m: float, error_m: float, log_chi2: "LogChi2") -> float:
-    """Return ln I_r of the worst-case fault with mean vertical error mu, by quadrature over the induced error."""
+    """Return ln I_r of the worst-case fault with mean vertical error mu, by quadrature over the induced error.
+
+    ``log_chi2(threshold, weights, degrees, shifts, others)`` gives the logarithm of the chance of a miss given each
+    induced error, where ``others`` are the logarithms that it is added to.
+    """
     points = np.linspace(-_ERROR_REACH, _ERROR_REACH, _ERROR_POINTS)
     induced = points * sigma_m * float(np.linalg.norm(of.gain))
-    missed = log_chi2(of.monitor.threshold_squared, *_conditional(of, sigma_m, error_m / of.monitor.slope_m, induced))
     exceeded = log_exceedance(error_m + induced, of.monitor.deviation_m, of.monitor.alert_limit_m)
-    density = -(points**2) / 2 - 0.5 * np.log(2 * np.pi)
-    return float(logsumexp(missed + exceeded + density) + np.log(points[1] - points[0]))
+    others = exceeded - (points**2) / 2 - 0.5 * np.log(2 * np.pi)
+    missed = log_chi2(of.monitor.threshold_squared, *_conditional(of, sigma_m, error_m / of.monitor.slope_m, induced), others)
+    return float(logsumexp(missed + others) + np.log(points[1] - points[0]))
+
+
+def _log_general_chi2_where_it_counts(threshold: float, weights: Array, degrees: Array, shifts: Array, others: Array) -> Array:
+    """The contour integral where its summand is within 1e-13 of the largest, the approximation elsewhere."""
+    logs = log_general_chi2_near(threshold, weights, degrees, shifts, others)
+    counts = logs + others > np.max(logs + others) - 30
+    logs[counts] = log_general_chi2(threshold, weights, degrees, shifts[counts])
+    return logs
 
 
 def _conditional(of: Tracking, sigma_m: float, magnitude: float, induced_m: Array) -> tuple[Array, Array, Array]:
@@ -137,11 +149,12 @@ def log_general_chi2(threshold: float, weights: Array, degrees: Array, shifts: A
     return logs
 
 
-def log_general_chi2_near(threshold: float, weights: Array, degrees: Array, shifts: Array) -> Array:
+def log_general_chi2_near(threshold: float, weights: Array, degrees: Array, shifts: Array, others: Array | None = None) -> Array:
     """Return what :func:`log_general_chi2` does, good to a few per cent: for searching.
 
     The saddle-point formula of Lugannani and Rice (1980), and the normal distribution where a miss is likely.
     """
+    del others
     saddle, curvature = _saddle(threshold, weights, degrees, shifts)
     factor = 1 - 2 * weights[None, :] * saddle[:, None]
     cumulant = np.sum(-0.5 * degrees * np.log(factor) + shifts * weights * saddle[:, None] / factor, 1)
@@ -153,7 +166,7 @@ def log_general_chi2_near(threshold: float, weights: Array, degrees: Array, shif
     return np.asarray(np.where(away > -1, log_ndtr(away), tail))
 
 
-LogChi2 = Callable[[float, Array, Array, Array], Array]
+LogChi2 = Callable[[float, Array, Array, Array, Array], Array]
 
 
 def _saddle(threshold: float, weights: Array, degrees: Array, shifts: Array) -> tuple[Array, Array]:
@@ -174,22 +187,34 @@ def _saddle(threshold: float, weights: Array, degrees: Array, shifts: Array) -> 
     return t, second
 
 
-def sampled(of: Tracking, sigma_m: float, samples: int, rng: np.random.Generator) -> WorstCase:
+@dataclass(frozen=True, slots=True, eq=False)
+class Draws:
+    """Tracking errors of unit deviation, drawn: what each does to the vertical error, to lambda^2 alone and with the fault, ``(m,)``."""
+
+    induced: Array
+    squared: Array
+    crossed: Array
+
+
+def drawn(of: Tracking, samples: int, rng: np.random.Generator) -> Draws:
+    """Draw tracking errors of unit deviation; all deviations and magnitudes share them."""
+    draws = rng.standard_normal((samples, of.gain.size))
+    return Draws(draws @ of.gain, np.einsum("ij,ij->i", draws @ of.gram, draws), draws @ of.cross)
+
+
+def sampled(of: Tracking, sigma_m: float, draws: Draws) -> WorstCase:
     """Return the worst case with the tracking errors averaged over samples, the same for all magnitudes (Eq 61)."""
-    draws = rng.standard_normal((samples, of.gain.size)) * sigma_m
-    induced = draws @ of.gain
-    squared = np.einsum("ij,jk,ik->i", draws, of.gram, draws, optimize=True)
-    crossed = draws @ of.cross
     monitor = of.monitor
-    most = float(np.max(squared)) + (2 * monitor.alert_limit_m / monitor.slope_m + 10) ** 2
-    grid = np.linspace(0, np.sqrt(most) * 1.5, 400) ** 2
-    missed = interpolate.CubicSpline(np.sqrt(grid), log_missed(grid, monitor.threshold_squared, monitor.degrees))
+    squared, crossed, induced = sigma_m**2 * draws.squared, sigma_m * draws.crossed, sigma_m * draws.induced
+    furthest = np.sqrt(float(np.max(squared))) + 2 * monitor.alert_limit_m / monitor.slope_m + 10
+    roots = np.linspace(0, furthest, 400)
+    missed = interpolate.CubicSpline(roots, log_missed(roots**2, monitor.threshold_squared, monitor.degrees))
 
     def log_risk(error: float) -> float:
         magnitude = error / monitor.slope_m
         shift = np.maximum(magnitude**2 + 2 * magnitude * crossed + squared, 0)
         logs = log_exceedance(error + induced, monitor.deviation_m, monitor.alert_limit_m) + missed(np.sqrt(shift))
-        return float(logsumexp(logs)) - float(np.log(samples))
+        return float(logsumexp(logs)) - float(np.log(induced.size))
 
     error, log = maximised(log_risk, monitor.alert_limit_m)
     return WorstCase(error / monitor.slope_m, error, log / np.log(10))
