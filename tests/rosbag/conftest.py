@@ -1,7 +1,9 @@
 """Bags made by rosbags' own writer from messages drawn at random."""
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
@@ -148,3 +150,25 @@ def drive() -> Result:
     """The real drive, converted once."""
     package = pytest.importorskip("pntos_cobra_datasets_ros", reason="the package pntos-cobra-datasets-ros is not installed")
     return _convert(Path(package.EXAMPLE_ROS_LOG).parent)
+
+
+def _sessions() -> Any:
+    spec = spec_from_file_location("rosbag_sessions", Path(__file__).with_name("sessions.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    sys.modules[spec.name] = module  # where dataclasses look for their own module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def sessions() -> Any:
+    """The module that makes sessions of standard messages and writes bags of them."""
+    return _sessions()
+
+
+@pytest.fixture(scope="session")
+def expected(sessions: Any, tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """What the session ``sessions.drive(40)`` gives, from an SQLite bag."""
+    return _convert(sessions.write_ros2(tmp_path_factory.mktemp("expected") / "bag", sessions.drive(40)))

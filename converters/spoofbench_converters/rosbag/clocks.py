@@ -108,7 +108,8 @@ class Meter:
         """Return median, spread (from the 5th to the 95th percentile) and drift of header minus recorder, as metadata."""
         if not self._count:
             return {}
-        received, offsets = np.concatenate(self._parts, axis=1)
+        samples = np.concatenate(self._parts, axis=1)
+        received, offsets = samples[:, np.lexsort(samples[::-1])]
         median, (low, high) = float(np.median(offsets)), np.percentile(offsets, (5, 95))
         about = {"header_offset_s": f"{median / 1e9:.6f}", "header_offset_spread_s": f"{(high - low) / 1e9:.6f}"}
         half = received.size // 2

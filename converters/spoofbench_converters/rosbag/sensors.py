@@ -22,6 +22,8 @@ _SETTLED_MESSAGES = 256  # of each device, before the clocks are decided
 _HELD_ROWS = 262_144  # most that wait for it
 _NOTHING = "it holds nothing that the schema has"
 
+_TIMES = ("stamp_ns", "receive_time_ns", "record")
+
 _Stream = RowStream | PairStream
 
 
@@ -139,12 +141,13 @@ class Sensors:
 
 
 def _times(device: _Device) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the headers' and the recorder's stamps of the messages that a device holds."""
-    parts = [(rows["stamp_ns"], rows["receive_time_ns"], rows["has_stamp"] & (rows["units"] > 0)) for _, _, rows in device.held]
+    """Return the headers' and the recorder's stamps of the messages that a device holds, in bag order."""
+    parts = [[rows[name][rows["has_stamp"] & (rows["units"] > 0)] for name in _TIMES] for _, _, rows in device.held]
     if not parts:
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    stamps, received, counted = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return stamps[counted], received[counted]
+    stamps, received, records = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.argsort(records)
+    return stamps[order], received[order]
 
 
 def _add(

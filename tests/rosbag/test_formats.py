@@ -1,0 +1,143 @@
+"""One session in every kind of bag gives the same rows, and each message is accounted for."""
+
+import gzip
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from spoofbench_converters import rosbag
+
+from spoofbench.converting import Source
+
+Convert = Callable[..., Any]
+KINDS = (
+    "ros1",
+    "ros1-bz2",
+    "ros1-lz4",
+    "sqlite",
+    "sqlite-file-zstd",
+    "sqlite-message-zstd",
+    "mcap",
+    "mcap-file-zstd",
+    "mcap-message-zstd",
+    "mcap-chunk-zstd",
+)
+
+
+def same(one: Any, other: Any) -> None:
+    assert dict(one.recording) == dict(other.recording)
+    assert {name: dict(about) for name, about in one.recording.metadata.items()} == {
+        name: dict(about) for name, about in other.recording.metadata.items()
+    }
+    assert (one.used, one.skipped) == (other.used, other.skipped)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_bag_gives_the_same_rows(kind: str, sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path) -> None:
+    session = sessions.drive(40)
+    path = sessions.WRITERS[kind](tmp_path / "bag", session)
+    assert rosbag.sniff(Source.of(path)) == 1
+    result = convert_bag(path)
+    assert result.used == len(session)
+    assert set(result.recording) == {"/imu0/imu", "/mag0/mag", "/gnss0/gnss/pvt"}
+    same(result, expected)
+
+
+def test_rows_are_what_was_written(sessions: Any, expected: Any) -> None:
+    session = sessions.drive(40)
+    fixes = [message.values for message in session if message.topic == "/gps/fix"]
+    twists = [message.values for message in session if message.topic == "/gps/vel"]
+    pvt = expected.recording["/gnss0/gnss/pvt"]
+    assert pvt["lat_deg"].tolist() == [fix["latitude"] for fix in fixes]
+    assert pvt["height_m"].tolist() == [fix["altitude"] for fix in fixes]
+    assert pvt.time_ns.tolist() == [fix["header.stamp.sec"] * 10**9 + fix["header.stamp.nanosec"] for fix in fixes]
+    for name, axis, sign in (("vel_n_mps", "y", 1), ("vel_e_mps", "x", 1), ("vel_d_mps", "z", -1)):
+        assert pvt[name].tolist() == [sign * twist[f"twist.linear.{axis}"] for twist in twists]
+    covariance = np.array([fix["position_covariance"] for fix in fixes])
+    kinds = np.array([fix["position_covariance_type"] for fix in fixes])
+    np.testing.assert_array_equal(pvt["cov_nn_m2"], np.where(kinds > 0, covariance[:, 4], np.nan))
+    np.testing.assert_array_equal(pvt["cov_nd_m2"], np.where(kinds == 3, -covariance[:, 5], np.nan))
+    imu = [message.values for message in session if message.topic == "/imu/data"]
+    assert expected.recording["/imu0/imu"]["gyro_y_radps"].tolist() == [message["angular_velocity.y"] for message in imu]
+    field = [message.values["magnetic_field.z"] * 1e6 for message in session if message.topic == "/imu/mag"]
+    assert expected.recording["/mag0/mag"]["field_z_ut"].tolist() == field
+
+
+def test_a_bag_under_another_name_or_packed_as_a_whole(sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path) -> None:
+    bag = sessions.write_ros1(tmp_path / "a.bag", sessions.drive(40))
+    misnamed = bag.rename(tmp_path / "a.db3")
+    same(convert_bag(misnamed), expected)
+    packed = tmp_path / "a.gz"
+    packed.write_bytes(gzip.compress(misnamed.read_bytes(), 1))
+    assert rosbag.sniff(Source.of(packed)) == 1
+    same(convert_bag(packed), expected)
+    folder = sessions.write_ros2(tmp_path / "b", sessions.drive(40))
+    database = next(folder.glob("*.db3"))
+    packed.write_bytes(gzip.compress(database.read_bytes(), 1))
+    assert rosbag.sniff(Source.of(packed)) == 1
+    same(convert_bag(packed), expected)
+    archive = tmp_path / "c.zip"
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
+        for path in sorted(folder.iterdir()):
+            file.write(path, f"deep/{path.name}")
+    assert 0 < rosbag.sniff(Source.of(archive)) < 1
+    same(convert_bag(archive), expected)
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_split_bags(storage: str, sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path) -> None:
+    session = sessions.drive(40)
+    third = len(session) // 3
+    parts = [session[:third], session[third : 2 * third], session[2 * third :]]
+    whole = tmp_path / "whole"
+    whole.mkdir()
+    suffix = {"SQLITE3": "db3", "MCAP": "mcap"}[storage]
+    for number, part in enumerate(parts):
+        folder = sessions.write_ros2(tmp_path / f"part{number}", part, storage)
+        shutil.copy(next(folder.glob(f"*.{suffix}")), whole / f"bag_{number}.{suffix}")
+    assert rosbag.sniff(Source.of(whole)) == 1  # a recorder that is killed leaves no metadata
+    same(convert_bag(whole), expected)
+    about = (tmp_path / "part0" / "metadata.yaml").read_text()
+    name = f"part0.{suffix}"
+    assert f"- {name}" in about
+    listed = "\n".join(f"  - bag_{number}.{suffix}" for number in range(3))
+    about = about.replace(f"  - {name}", listed).replace(f"message_count: {third}\n", f"message_count: {len(session)}\n")
+    (whole / "metadata.yaml").write_text(about)
+    same(convert_bag(whole), expected)
+    (whole / f"bag_1.{suffix}").unlink()
+    hurt = convert_bag(whole)
+    assert hurt.used + hurt.skipped == len(session)
+    assert any("missing" in reason for reason in hurt.reasons)
+
+
+@pytest.mark.parametrize("options", [{"use_chunking": False}, {"use_statistics": False, "use_summary_offsets": False}, {"index_types": 0}])
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_mcap_of_other_writers(
+    options: dict[str, Any], compression: CompressionType, sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path
+) -> None:
+    bag = next(sessions.write_ros2(tmp_path / "bag", sessions.drive(40), "MCAP").glob("*.mcap"))
+    again = tmp_path / "again.mcap"
+    if "index_types" in options:
+        from mcap.writer import IndexType
+
+        options = {"index_types": IndexType.NONE}
+    with bag.open("rb") as read, again.open("wb") as written:
+        writer = McapWriter(written, chunk_size=20_000, compression=compression, **options)
+        writer.start("ros2")
+        schemas: dict[int, int] = {}
+        channels: dict[int, int] = {}
+        for schema, channel, message in make_reader(read).iter_messages():
+            assert schema is not None
+            if channel.id not in channels:
+                schemas.setdefault(schema.id, writer.register_schema(schema.name, schema.encoding, schema.data))
+                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, schemas[schema.id])
+            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    same(convert_bag(again), expected)
