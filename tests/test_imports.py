@@ -23,6 +23,7 @@ ORDER = [
     "runner",
     "report",
     "reproducing",
+    "assessing",
     "doctor",
     "exporting",
     "summary",

@@ -38,25 +38,6 @@ def failure_mode(path: Path, worst: Mapping[str, float], scenario: Scenario) -> 
     save_figure(figure, path)
 
 
-def curves(path: Path, table: Table, along: tuple[str, str], by: tuple[str, str]) -> None:
-    """Draw log10 of the risk, one panel per scenario, one line per value of ``by``."""
-    scenarios = sorted(set(table["scenario"]))
-    figure, axes = new_figure(9.0, 4.0, columns=len(scenarios))
-    for panel, scenario in zip(np.atleast_1d(axes), scenarios, strict=True):
-        for value in sorted(set(table[by[0]])):
-            rows = [i for i, s in enumerate(table["scenario"]) if s == scenario and table[by[0]][i] == value]
-            rows.sort(key=lambda i: table[along[0]][i])
-            panel.plot(
-                [table[along[0]][i] for i in rows], [table["log10_integrity_risk"][i] for i in rows], marker=".", label=f"{value:g} {by[1]}"
-            )
-        panel.axhline(-9, color="k", lw=0.6, ls=":")
-        panel.set_title(f"scenario {scenario}", fontsize=10)
-        panel.set_xlabel(along[1])
-        panel.set_ylabel("log10 integrity risk")
-        panel.legend(fontsize=7)
-    save_figure(figure, path)
-
-
 def mirrored(path: Path, altitudes: Mapping[int, tuple[NDArray[np.float64], NDArray[np.float64]]], rate_hz: float) -> None:
     """Draw altitude and its estimate's error, one panel per attack period (Fig 5)."""
     figure, axes = new_figure(9.0, 3.4, columns=len(altitudes))

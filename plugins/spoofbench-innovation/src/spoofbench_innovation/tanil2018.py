@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from spoofbench.assessing import draw_risk
 from spoofbench.integrity import Run, Scenario, monitor_of, monitored, published, studies, worst_case, worst_fault
 from spoofbench.integrity.aircraft import altitude_autopilot, boeing_747
 from spoofbench.integrity.closed_loop import Response, respond
@@ -124,12 +125,12 @@ def _drawn(out: Path, tables: Mapping[str, Mapping[str, Sequence[Any]]], motion:
     altitudes = {period: (-r.state[:, ALTITUDE], -r.error[:, ALTITUDE]) for period, r in motion.items()}
     fig3 = {name: values[0] for name, values in tables["fig3"].items()}
     pictures.failure_mode(out / "fig3", fig3, published("tanil2018-C"))
-    pictures.curves(out / "fig4", tables["fig4"], ("period_s", "attack period, s"), ("rate_hz", "Hz"))
+    draw_risk(out / "fig4", tables["fig4"], ("period_s", "attack period, s"), ("rate_hz", "Hz"))
     pictures.mirrored(out / "fig5", altitudes, published("tanil2018-C").rate_hz)
     exact = _where(tables["fig6"], "method", "exact")
-    pictures.curves(out / "fig6", exact, ("period_s", "attack period, s"), ("sigma_mm", "mm"))
+    draw_risk(out / "fig6", exact, ("period_s", "attack period, s"), ("sigma_mm", "mm"))
     pictures.samples(out / "fig6-samples", tables["fig6"])
-    pictures.curves(out / "fig7", tables["fig7"], ("delay_s", "attack delay, s"), ("sigma_mm", "mm"))
+    draw_risk(out / "fig7", tables["fig7"], ("delay_s", "attack delay, s"), ("sigma_mm", "mm"))
     return [
         Picture(
             "fig3", "Fig 3, scenario C: the failure-mode slope, the worst-case fault (+) and lines of constant joint density about it."
