@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from spoofbench import cli
+from spoofbench.codec import write
 from spoofbench.errors import PluginError
+from spoofbench.testing.recordings import drive
 
 HEAVY = ("numpy", "pandas", "pyarrow", "scipy", "rosbags", "rich", "google.protobuf")
 
@@ -34,7 +36,7 @@ def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
 def test_help_fits_80_columns_and_names_every_command(tmp_path: Path) -> None:
     text = _spoofbench("--help", cwd=tmp_path).stdout
     assert max(map(len, text.splitlines())) <= 80
-    for command in ("demo", "convert", "info", "attack", "run", "score", "report", "plugins", "check"):
+    for command in ("demo", "convert", "info", "doctor", "export", "attack", "run", "score", "report", "plugins", "check"):
         assert f"\n  {command} " in text
     assert "..." not in text.partition("Commands:")[2]
 
@@ -43,6 +45,15 @@ def test_help_fits_80_columns_and_names_every_command(tmp_path: Path) -> None:
     ("words", "code"),
     [
         (["info", "missing.mcap"], 1),
+        (["doctor", "missing.mcap"], 1),
+        (["doctor", "text.mcap"], 1),
+        (["doctor", "text.mcap", "--format", "nmae"], 1),
+        (["export", "missing.mcap", "-o", "out.csv"], 1),
+        (["export", "text.mcap", "-o", "out.csv"], 1),
+        (["export", "text.mcap", "-o", "text.mcap"], 2),
+        (["export", "text.mcap", "-o", "out", "--format", "xls"], 2),
+        (["export", "text.mcap", "-o", "out", "--mapping", "x", "--topic", "/imu0/imu"], 2),
+        (["export", "text.mcap"], 2),
         (["info", "text.mcap"], 1),
         (["info", "empty.mcap"], 1),
         (["convert", "missing", "-o", "out.mcap"], 1),
@@ -112,3 +123,26 @@ def test_a_log_that_cannot_be_converted_does_not_stop_the_others(tmp_path: Path)
     done = _spoofbench("convert", "a.txt", "b.txt", "-o", "out", cwd=tmp_path)
     assert done.returncode == 1
     assert [line.split(":")[1].strip() for line in done.stderr.splitlines()] == ["a.txt", "b.txt"]
+
+
+def test_the_doctor_answers_scripts_by_its_exit_code(tmp_path: Path) -> None:
+    good = drive(1, 60.0, flaws=False)
+    pvt = good["/gnss0/gnss/pvt"]
+    write(good, tmp_path / "good.mcap")
+    write(good.with_metadata({"source/gnss0": {"solution": "fused"}}), tmp_path / "fused.mcap")
+    nowhere = pvt.replace(lat_deg=pvt["lat_deg"] * 0, lon_deg=pvt["lon_deg"] * 0)
+    write(good.replace({"/gnss0/gnss/pvt": nowhere}), tmp_path / "nowhere.mcap")
+    for names, code in ((["good"], 0), (["fused", "good"], 3), (["nowhere", "fused"], 4), (["good", "missing"], 1)):
+        done = _spoofbench("doctor", "--json", *(f"{name}.mcap" for name in names), cwd=tmp_path)
+        assert done.returncode == code, done.stderr
+        assert list(json.loads(done.stdout)) == [f"{name}.mcap" for name in names if name != "missing"]
+    text = _spoofbench("doctor", "nowhere.mcap", cwd=tmp_path).stdout
+    assert "error    impossible-position  /gnss0/gnss/pvt\n" in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_one_topic_is_exported(tmp_path: Path) -> None:
+    write(drive(1, 60.0), tmp_path / "x.mcap")
+    done = _spoofbench("export", "x.mcap", "-o", "imu.csv", "--topic", "/imu0/imu", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, "imu.csv: /imu0/imu\n")
+    assert (tmp_path / "imu.csv").read_text().startswith('"time_ns","time","accel_x_mps2"')

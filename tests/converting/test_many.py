@@ -57,6 +57,17 @@ def test_a_walked_folder(tmp_path: Path) -> None:
     assert [line.split()[0] for line in out.splitlines()] == ["rows", "4", "-", f"{packed['used']:,}"]
 
 
+def test_a_format_that_is_named_is_the_only_one_asked_in_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "a.log").write_text("steps....")
+    (tmp_path / "logs" / "notes.txt").write_text("nothing")
+    code, out, _ = convert("logs", "-o", "out", "--format", "steps", "--json", cwd=tmp_path)
+    assert code == 0
+    assert [row["status"] for row in rows(out).values()] == ["converted", "not recognised"]
+    code, _, err = convert("logs", "-o", "out", "--format", "stairs", cwd=tmp_path)
+    assert (code, err.partition(";")[0]) == (1, "spoofbench: no converter is called 'stairs'")
+
+
 def test_one_that_does_harm_costs_itself_alone(tmp_path: Path) -> None:
     for name, text in {"a": "steps..", "dies": "steps..D", "lies": "steps..L", "b": "steps..."}.items():
         (tmp_path / name).write_text(text)

@@ -60,7 +60,8 @@ class Outcome:
 def convert_job(job: Job, request: Request, progress: Callable[[float], None] | None = None) -> Outcome:
     """Convert one log; whatever a log can cause is an outcome."""
     try:
-        name = request.format or recognise(Source.of(job.source))[0].name
+        named = request.format if not job.walked else None
+        name = named or recognise(Source.of(job.source), request.format)[0].name
         known = {option.name for option in fields(plugins.find(plugins.CONVERTERS, name).load().Options)}
         wishes = {key: text for key, text in request.wishes.items() if key in known}
         job.target.parent.mkdir(parents=True, exist_ok=True)

@@ -47,7 +47,7 @@ def plan(inputs: Sequence[Path], out: Path, log_format: str | None = None) -> li
     Args:
         inputs: files and folders.
         out: the recording, or the folder of the recordings.
-        log_format: the converter that is to be used; it is asked for no claim, and takes a folder as a whole.
+        log_format: the only converter to ask; a file that is named goes to it unasked.
 
     Raises:
         ConversionError: an input does not exist, or nothing is left to convert.
@@ -68,28 +68,28 @@ def plan(inputs: Sequence[Path], out: Path, log_format: str | None = None) -> li
 
 
 def _logs(path: Path, out: Path, log_format: str | None) -> Iterator[_Log]:
-    if not path.is_dir() or log_format or _is_one_log(path):
+    if not path.is_dir() or _is_one_log(path, log_format):
         yield _Log(path, PurePosixPath(), walked=False)
     else:
-        yield from _walk(path, PurePosixPath(), out)
+        yield from _walk(path, PurePosixPath(), out, log_format)
 
 
-def _walk(folder: Path, within: PurePosixPath, out: Path) -> Iterator[_Log]:
+def _walk(folder: Path, within: PurePosixPath, out: Path, log_format: str | None) -> Iterator[_Log]:
     with os.scandir(folder) as found:
         entries = sorted((entry for entry in found if not entry.name.startswith(".")), key=lambda entry: entry.name)
     for entry in entries:
         path = folder / entry.name
         if path.resolve() == out:
             continue
-        if entry.is_dir(follow_symlinks=False) and not _is_one_log(path):
-            yield from _walk(path, within / entry.name, out)
+        if entry.is_dir(follow_symlinks=False) and not _is_one_log(path, log_format):
+            yield from _walk(path, within / entry.name, out, log_format)
         elif path.is_dir() or path.is_file():
             yield _Log(path, within, walked=True)
 
 
-def _is_one_log(folder: Path) -> bool:
+def _is_one_log(folder: Path, log_format: str | None) -> bool:
     try:
-        recognise(Source.of(folder))
+        recognise(Source.of(folder), log_format)
     except NotRecognised:
         return False
     except ConversionError:  # claimed by two: to be told when it is converted

@@ -16,6 +16,7 @@ from spoofbench.converting.contract import Block, Converter, Extent, Facts, Item
 from spoofbench.converting.ledger import Ledger
 from spoofbench.converting.options import make_options
 from spoofbench.converting.sources import Source
+from spoofbench.converting.unpacking import packing_of
 from spoofbench.errors import ConversionError, PluginError, SpoofbenchError
 from spoofbench.plugins import Plugin
 from spoofbench.schema import SCHEMA_VERSION, split_topic
@@ -74,15 +75,15 @@ def convert(
     return run.ledger
 
 
-def recognise(log: Source) -> tuple[Plugin, Converter]:
-    """Return the converter that is surest that a log is its own.
+def recognise(log: Source, only: str | None = None) -> tuple[Plugin, Converter]:
+    """Return the converter that is surest that a log is its own; ``only`` that one is asked, if given.
 
     Raises:
-        NotRecognised: none claims it; ConversionError: two claim it alike.
+        PluginError: there is no such converter; NotRecognised: none claims it; ConversionError: two claim it alike.
     """
     claims: list[tuple[float, Plugin, Converter]] = []
     broken: list[str] = []
-    for plugin in plugins.found(plugins.CONVERTERS).values():
+    for plugin in [plugins.find(plugins.CONVERTERS, only)] if only else plugins.found(plugins.CONVERTERS).values():
         try:
             converter: Converter = plugin.load()
             claims.append((float(converter.sniff(log)), plugin, converter))
@@ -191,7 +192,7 @@ class _Run:
 
 
 def _items(plugin: Plugin, converter: Converter, log: Source, options: Any) -> Iterator[Item]:
-    if converter.UNIT == "bytes" and log.path.is_file():
+    if converter.UNIT == "bytes" and log.path.is_file() and packing_of(log.path) is None:
         yield Extent(log.path.stat().st_size)
     items = converter.convert(log, options)
     while True:
