@@ -158,6 +158,11 @@ def ledger(reason: str) -> Change:
     return lambda recording: recording.with_metadata({"ledger": account.as_metadata()})
 
 
+def second(recording: Recording) -> Recording:
+    """The same rows as of a second receiver."""
+    return recording.replace({"/gnss1/gnss/pvt": recording[PVT]})
+
+
 def week_off(recording: Recording) -> Recording:
     return edited(recording, PVT, gps_week=recording[PVT]["gps_week"] - 1024)
 
@@ -189,6 +194,13 @@ MISTAKES: dict[str, tuple[Change, str, str]] = {
     "gyro scale": (scaled(IMU, 1.3, *GYRO), "gyro-scale", "warning"),
     "IMU 1.2 s late": (lambda r: moved(r, IMU, 1.2), "imu-lag", "warning"),
     "IMU 3 s early": (lambda r: moved(r, IMU, -3.0), "imu-lag", "error"),
+    "IMU in GPS time": (lambda r: moved(r, IMU, 18.0), "imu-lag", "error"),
+    "second receiver in GPS time": (lambda r: moved(second(r), "/gnss1/gnss/pvt", 18.0), "gps-time-as-utc", "error"),
+    "second receiver's height": (
+        lambda r: edited(second(edited(r, PVT, height_msl_m=r[PVT]["height_m"] - 47)), "/gnss1/gnss/pvt", height_m=r[PVT]["height_m"] - 47),
+        "height-datum",
+        "warning",
+    ),
     "accelerometer in g": (scaled(IMU, 1 / 9.80665, *ACCEL), "accel-unit", "error"),
     "accelerometer times g twice": (scaled(IMU, 9.80665, *ACCEL), "accel-unit", "error"),
     "accelerometer mirrored": (scaled(IMU, -1.0, *ACCEL), "accel-sign", "error"),

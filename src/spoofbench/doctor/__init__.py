@@ -12,7 +12,7 @@ import numpy as np
 
 from spoofbench.codec import read
 from spoofbench.converting import Source, convert, recognise
-from spoofbench.doctor import clocks, contents, inertial, positions, rates, turning, velocities
+from spoofbench.doctor import clocks, contents, inertial, positions, rates, receivers, turning, velocities
 from spoofbench.doctor.clocks import MODIFIED
 from spoofbench.doctor.finding import SEVERITIES, Finding, Severity
 from spoofbench.errors import ConversionError
@@ -53,6 +53,8 @@ CHECKS: Sequence[Callable[[Recording], list[Finding]]] = (
     inertial.ranges,
     inertial.frozen,
     turning.turning,
+    receivers.lags,
+    receivers.datums,
 )
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spoofbench.doctor.finding import Finding
+from spoofbench.doctor.gps_time import leap_seconds
 from spoofbench.doctor.inertial import ACCEL, GYRO
 from spoofbench.doctor.motion import Floats, Steps, course, speed, steps, wrapped
 from spoofbench.recording import Recording, Table
@@ -24,7 +25,9 @@ LEAST_TURNED_RAD = 2.0
 """Turned in sum, there has to be something to compare."""
 
 UP_SECONDS = 10.0
-LAGS_S = np.arange(-10.0, 10.01, 0.1)
+MOST_LAG_S, COARSE_S = 22.0, 0.5
+"""Beyond the leap seconds between GPS time and UTC, in steps shorter than a turn."""
+
 CORRELATED = 0.75
 LAG_S, GRAVE_LAG_S = 0.5, 2.0
 """Receivers filter their velocity by some tenths of a second."""
@@ -58,29 +61,34 @@ def turning(recording: Recording) -> list[Finding]:
         turns = _turns(pvt, int(imu.time_ns[0]))
         heading_s, heading = _heading(imu)
         if turns is not None and heading.size:
-            findings += _compared(topic, turns, heading_s, heading)
+            findings += _compared(topic, turns, heading_s, heading, leap_seconds(int(pvt.time_ns[0]) / 1e9))
     return findings
 
 
-def _compared(topic: str, turns: _Turns, heading_s: Floats, heading: Floats) -> list[Finding]:
-    sums = np.array([_agreement(turns, heading_s + lag, heading)[0] for lag in LAGS_S])
-    if not np.isfinite(sums).any():
+def _compared(topic: str, turns: _Turns, heading_s: Floats, heading: Floats, leap_s: int) -> list[Finding]:
+    """Find the lag at which turns agree best: the gyroscope's heading shifted by it; positive where the gyroscope is ahead."""
+    coarse = _best(turns, heading_s, heading, np.arange(-MOST_LAG_S, MOST_LAG_S + COARSE_S / 2, COARSE_S))
+    if not np.isfinite(coarse):
         return []
-    best = int(np.nanargmax(np.abs(sums)))
-    correlation, scale = _agreement(turns, heading_s + LAGS_S[best], heading)
-    now = sums[LAGS_S.size // 2]
+    lag_s = _best(turns, heading_s, heading, coarse + np.arange(-5, 6) * COARSE_S / 5)
+    correlation, scale = _agreement(turns, heading_s + lag_s, heading)
+    now = abs(_agreement(turns, heading_s, heading)[0])
     if abs(correlation) < CORRELATED:
         return []
     findings = _unit(topic, correlation, scale)
-    lag_s = float(LAGS_S[best])
-    if abs(lag_s) > LAG_S and abs(correlation) > abs(now) + GAIN and 0 < best < LAGS_S.size - 1:
-        # the gyroscope's heading fits when its times are shifted by the lag: positive, it is too early
-        which = "ahead of" if lag_s > 0 else "behind"
-        agreement = f"(correlation {abs(correlation):.2f}, {abs(now):.2f} unshifted)"
-        text = f"the gyroscope turns {abs(lag_s):.1f} s {which} the receiver's course {agreement}"
+    if LAG_S < abs(lag_s) < MOST_LAG_S - COARSE_S and not abs(correlation) < now + GAIN:
+        agreement = f"(correlation {abs(correlation):.2f}, {now:.2f} unshifted)"
+        leap = ", as if one of them gave GPS time for UTC" if abs(abs(lag_s) - leap_s) < GRAVE_LAG_S else ""
+        text = f"the gyroscope turns {abs(lag_s):.1f} s {'ahead of' if lag_s > 0 else 'behind'} the receiver's course {agreement}{leap}"
         advice = "align the two clocks, or use a detector that estimates the lag"
         findings.append(Finding("imu-lag", "error" if abs(lag_s) > GRAVE_LAG_S else "warning", topic, text, advice))
     return findings
+
+
+def _best(turns: _Turns, heading_s: Floats, heading: Floats, lags_s: Floats) -> float:
+    """Return the lag of the largest correlation, NaN where there is none."""
+    found = np.abs([_agreement(turns, heading_s + lag_s, heading)[0] for lag_s in lags_s])
+    return float(lags_s[np.nanargmax(found)]) if np.isfinite(found).any() else np.nan
 
 
 def _unit(topic: str, correlation: float, scale: float) -> list[Finding]:
