@@ -88,7 +88,7 @@ def draw_risk(path: Path, table: Table, along: tuple[str, str], by: tuple[str, s
         panel.set_title(f"scenario {scenario}", fontsize=10)
         panel.set_xlabel(along[1])
         panel.set_ylabel("log10 integrity risk")
-        panel.legend(fontsize=7)
+    figure.legend(*np.atleast_1d(axes)[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
     save_figure(figure, path)
 
 

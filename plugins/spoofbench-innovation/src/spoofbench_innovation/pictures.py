@@ -16,25 +16,26 @@ Table = Mapping[str, Sequence[Any]]
 
 def failure_mode(path: Path, worst: Mapping[str, float], scenario: Scenario) -> None:
     """Draw the slope in the plane of lambda and mu, and contours of the joint density about the worst-case fault (Fig 3)."""
-    figure, axes = new_figure(6.4, 4.8)
+    figure, axes = new_figure(9.4, 4.2, columns=2)
+    line = np.linspace(0, 40, 2)
+    axes[0].plot(line, worst["rho_m"] * line, label="failure-mode slope")
+    axes[0].plot(worst["lambda"], worst["mu_m"], "k+", ms=10, label="worst-case fault")
+    axes[0].set_xlabel("lambda")
+    axes[0].set_ylabel("mean vertical error, m")
     degrees = scenario.epochs() * scenario.measurements
-    root = np.linspace(48, 68, 300)
-    error = np.linspace(8, 11.5, 200)
+    root, error = np.linspace(52, 66, 300), np.linspace(8, 11.5, 200)
     density = stats.ncx2.logpdf(root**2, degrees, worst["lambda"] ** 2) + np.log(2 * root)
     joint = density[None, :] + stats.norm.logpdf(error[:, None], worst["mu_m"], worst["sigma_eps_m"])
-    axes.contour(root, error, (joint - joint.max()) / np.log(10), levels=np.arange(-8, 0), colors="k", linewidths=0.6)
-    axes.axvline(worst["threshold"], color="#a32020", ls="--", label="threshold T")
-    axes.axhline(scenario.alert_limit_m, color="#3b6fb6", ls="--", label="alert limit")
-    axes.set_xlabel("square root of the test statistic q")
-    axes.set_ylabel("vertical error, m")
-    inset = axes.inset_axes((0.06, 0.06, 0.36, 0.36))
-    line = np.linspace(0, 35, 2)
-    inset.plot(line, worst["rho_m"] * line)
-    inset.plot(worst["lambda"], worst["mu_m"], "k+", ms=9)
-    inset.set_xlabel("lambda", fontsize=7, labelpad=1)
-    inset.set_ylabel("mu, m", fontsize=7, labelpad=1)
-    inset.tick_params(labelsize=7)
-    axes.legend(loc="upper right")
+    lines = axes[1].contour(
+        root, error, (joint - joint.max()) / np.log(10), levels=np.arange(-7, 0), colors="k", linewidths=0.6, linestyles="-"
+    )
+    axes[1].clabel(lines, fmt="1e%d", fontsize=7)
+    axes[1].axvline(worst["threshold"], color="#a32020", ls="--", label="threshold T")
+    axes[1].set_xlabel("square root of the test statistic q")
+    axes[1].set_ylabel("vertical error, m")
+    for panel in axes:
+        panel.axhline(scenario.alert_limit_m, color="#3b6fb6", ls="--", label="alert limit")
+        panel.legend(fontsize=8)
     save_figure(figure, path)
 
 
