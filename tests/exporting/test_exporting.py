@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ET
 import zipfile
 from datetime import datetime
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pyarrow import parquet
 
+from spoofbench import plugins
 from spoofbench.codec import write
-from spoofbench.errors import RecordingError
-from spoofbench.exporting import export
+from spoofbench.errors import ConversionError, PluginError, RecordingError
+from spoofbench.exporting import export, export_by_mapping
 from spoofbench.exporting.tables import arrow_table, write_csv
 from spoofbench.recording import Column, Recording, Table
 from spoofbench.schema import KINDS, split_topic
@@ -191,3 +193,34 @@ def test_topics_of_strange_names_stay_in_the_folder(tmp_path: Path) -> None:
         "a_b_imu___.csv",
         "imu.csv",
     ]
+
+
+def test_a_mapping_is_a_matter_of_the_converter_that_knows_it(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def load_mapping(name: str) -> list[str]:
+        if name != "known":
+            raise ConversionError(f"there is no mapping {name!r}")
+        return [name]
+
+    def write_text(recording: Recording, mapping: list[str], out: Path) -> None:
+        out.write_text(f"{mapping} {len(recording)}")
+
+    def fail(recording: Recording, mapping: list[str], out: Path) -> None:
+        out.write_text("half")
+        raise ZeroDivisionError
+
+    def install(**converters: Any) -> None:
+        found = {name: SimpleNamespace(name=name, load=lambda object=object: object) for name, object in converters.items()}
+        monkeypatch.setattr(plugins, "found", lambda group: found)
+
+    install(plain=SimpleNamespace(), tables=SimpleNamespace(load_mapping=load_mapping, export=write_text))
+    export_by_mapping(file, tmp_path / "out.csv", "known")
+    assert (tmp_path / "out.csv").read_text().startswith("['known'] ")
+    with pytest.raises(ConversionError, match="there is no mapping 'unknown'"):
+        export_by_mapping(file, tmp_path / "other.csv", "unknown")
+    install(tables=SimpleNamespace(load_mapping=load_mapping, export=fail))
+    with pytest.raises(PluginError, match="ZeroDivisionError"):
+        export_by_mapping(file, tmp_path / "other.csv", "known")
+    install(plain=SimpleNamespace())
+    with pytest.raises(PluginError, match="no converter that is installed can export by a mapping"):
+        export_by_mapping(file, tmp_path / "other.csv", "known")
+    assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]

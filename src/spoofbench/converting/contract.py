@@ -98,15 +98,18 @@ class Converter(Protocol):
 class Exporting(Protocol):
     """What a converter can do besides: write a recording the way that a mapping describes its tables."""
 
-    def export(self, recording: Recording, mapping: str, out: Path) -> None:
-        """Write the table, or the folder of tables, from which the mapping would give these rows.
-
-        Args:
-            recording: what to write.
-            mapping: name of a ready mapping, or path of a mapping file.
-            out: what to write to.
+    def load_mapping(self, path_or_name: str) -> Any:
+        """Return a mapping by its path or name.
 
         Raises:
-            ConversionError: there is no such mapping, or the recording has not what it names.
+            ConversionError: there is none, or it does not say what it must.
+        """
+        ...
+
+    def export(self, recording: Recording, mapping: Any, out: Path) -> Any:
+        """Write the table, or the folder of tables, from which the mapping would give these rows.
+
+        Raises:
+            ConversionError: the recording has not what the mapping names.
         """
         ...

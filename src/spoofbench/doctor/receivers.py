@@ -27,10 +27,10 @@ def lags(recording: Recording) -> list[Finding]:
         apart_m = {lag_s: _apart(table, recording[other], lag_s) for lag_s in (0.0, float(leap_s), float(-leap_s))}
         best = min(apart_m, key=lambda lag_s: apart_m[lag_s])
         if best and apart_m[best] < TOGETHER_M and apart_m[best] * BETTER < apart_m[0.0]:
-            text = f"the positions are those of {other} {leap_s} s {'earlier' if best > 0 else 'later'}, as if one of them gave GPS time for UTC"
-            findings.append(
-                Finding("gps-time-as-utc", "error", topic, text, f"subtract {leap_s} s from the times of the one that is ahead")
-            )
+            then = f"{leap_s} s {'earlier' if best > 0 else 'later'}"
+            text = f"the positions are those of {other} {then}, as if one of them gave GPS time for UTC"
+            advice = f"subtract {leap_s} s from the times of the one that is ahead"
+            findings.append(Finding("gps-time-as-utc", "error", topic, text, advice))
     return findings
 
 

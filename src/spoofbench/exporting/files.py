@@ -70,7 +70,7 @@ def export_by_mapping(file: Path, out: Path, mapping: str) -> None:
         raise PluginError("no converter that is installed can export by a mapping")
     try:
         with _whole(out) as path:
-            converter.export(recording, mapping, path)
+            converter.export(recording, converter.load_mapping(mapping), path)
     except SpoofbenchError:
         raise
     except Exception as error:  # a plugin may raise anything
@@ -121,7 +121,7 @@ def _names(topics: Sequence[str]) -> dict[str, str]:
 @contextmanager
 def _whole(out: Path) -> Iterator[Path]:
     """Yield a place to write to; what is there takes the name of ``out`` at the end, or goes if an exception ends it."""
-    place = out.with_name(f".{out.name}.{os.getpid()}.part")
+    place = out.with_name(f".{os.getpid()}.part.{out.name}")  # its suffix says the format
     if out.is_dir() and any(out.iterdir()):
         raise RecordingError(f"the folder {str(out)!r} is not empty; name another")
     try:
