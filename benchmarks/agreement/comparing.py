@@ -1,5 +1,6 @@
 """Where another parser, or the manifest, disagrees with us on a log."""
 
+import math
 import re
 import tomllib
 from collections import Counter
@@ -49,7 +50,8 @@ _Said = tuple[str, str, str]
 
 def _frames(log: Log, ours: Ours) -> Iterator[_Said]:
     source = Source.of(log.path)
-    if log.path.is_dir() or source.is_archive or ours.format not in ("ubx", "nmea", "-"):
+    stream = ours.format in ("ubx", "nmea") or (ours.recording is None and log.manifest.get("format", "").startswith(("ubx", "nmea")))
+    if log.path.is_dir() or source.is_archive or not stream:
         return
     octets = peers.unpacked(log.path)
     if ours.recording is not None:
@@ -105,10 +107,12 @@ def _bag(log: Log, ours: Ours) -> Iterator[_Said]:
 def _tables(log: Log, ours: Ours) -> Iterator[_Said]:
     if ours.format not in ("phone", "table") or ours.ledger is None:
         return
-    for name, rows in peers.pandas(log.path).items():
+    theirs = {f"pandas rows of {name}": rows for name, rows in peers.pandas(log.path).items()}
+    theirs |= {f"lines of {name}": rows for name, rows in peers.lines(log.path).items()}
+    for name, rows in theirs.items():
         if rows not in ours.ledger.rows.values():
             nearest = min(ours.ledger.rows.items(), key=lambda item: abs(item[1] - rows))
-            yield f"pandas rows of {name}", f"nearest {nearest[0]} {nearest[1]}", f"{rows}"
+            yield name, f"nearest {nearest[0]} {nearest[1]}", f"{rows}"
 
 
 def _manifest(log: Log, ours: Ours) -> Iterator[_Said]:
@@ -122,9 +126,18 @@ def _manifest(log: Log, ours: Ours) -> Iterator[_Said]:
         text = row.get(name, "")
         if not re.fullmatch(r"[0-9.]+", text):
             continue
-        theirs = float(text)
-        if not abs(mine[name] - theirs) <= max(tolerance * theirs, 10.0 ** -len(text.partition(".")[2])):
+        theirs, unit = float(text), 10.0 ** -len(text.partition(".")[2])
+        candidates = [mine[name], *_durations(ours)] if name == "duration_s" else [mine[name]]
+        if not any(abs(value - theirs) <= max(tolerance * theirs, unit) or math.isnan(value) for value in candidates):
             yield f"manifest {name}", f"{mine[name]:g}", f"{theirs:g}"
+
+
+def _durations(ours: Ours) -> list[float]:
+    """Seconds that each topic spans, and all together."""
+    tables = [ours.recording[topic] for topic in ours.recording] if ours.recording else []
+    spans = [(int(table.time_ns[0]), int(table.time_ns[-1])) for table in tables if len(table)]
+    spans += [(min(first for first, _ in spans), max(last for _, last in spans))] if spans else []
+    return [(last - first) / 1e9 for first, last in spans]
 
 
 def _gpsd(found: gpsd.Agreement) -> Iterator[_Said]:

@@ -73,6 +73,7 @@ def rosbags(path: Path) -> Mapping[str, int] | None:
     from rosbags.highlevel import AnyReader
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
+    from rosbags.typesys import Stores, get_typestore
 
     counts: Counter[str] = Counter()
     try:
@@ -83,7 +84,7 @@ def rosbags(path: Path) -> Mapping[str, int] | None:
             with Reader2(path) as bag:
                 counts.update({topic: info.msgcount for topic, info in bag.topics.items()})
         else:
-            with AnyReader([path]) as bag:
+            with AnyReader([path], default_typestore=get_typestore(Stores.EMPTY)) as bag:
                 counts.update({topic: info.msgcount for topic, info in bag.topics.items()})
     except Exception:  # noqa: BLE001 - whatever a peer raises is its refusal
         return None
@@ -97,7 +98,7 @@ def pandas(path: Path) -> Mapping[str, int]:
     openings: dict[str, Callable[[], Any]] = {}
     with suppress(SpoofbenchError):
         source = Source.of(path)
-        openings = {name: member.open for name, member in source.members().items() if name.endswith(".csv")}
+        openings = {name: member.open for name, member in source.members().items() if name.endswith(".csv") and name != "Metadata.csv"}
         if path.name.endswith((".csv", ".csv.gz")):
             openings = {path.name: source.open}
     rows = {}
@@ -106,3 +107,16 @@ def pandas(path: Path) -> Mapping[str, int]:
             warnings.simplefilter("ignore")
             rows[name] = len(peer.read_csv(stream, on_bad_lines="skip", low_memory=False))
     return rows
+
+
+def lines(path: Path) -> Mapping[str, int]:
+    """Lines of a GnssLogger text by type, fixes by provider; none for other files."""
+    counts: Counter[str] = Counter()
+    with suppress(SpoofbenchError), Source.of(path).open() as stream:
+        if b"# Raw," in stream.read(65_536):
+            stream.seek(0)
+            for line in stream:
+                fields = line.split(b",", 2)
+                if line[:1] not in b"#\r\n" and len(fields) > 1:
+                    counts[b",".join(fields[: 2 if fields[0] == b"Fix" else 1]).decode("ascii", "replace")] += 1
+    return counts

@@ -6,7 +6,7 @@ sentences and archives that leave their checksums right. The same seed makes the
 
 Bounds, for every input of up to 512 KiB (an archive may unpack to 8 times that): one answer within 20 s; at most 1 GiB of
 address space more than the process had; rows or one SpoofbenchError, nothing else; every byte accounted for once; the
-same rows from streams that give fewer bytes than asked for (every eighth input); and the frames of the slow reference
+same rows from streams that give fewer bytes than asked for (every eighth input, archives aside); and the frames of the slow reference
 (nmea, ubx), neither fewer nor more. Failing inputs are kept in the corpus with the traceback; what is in the corpus
 already is tried first.
 """

@@ -39,10 +39,11 @@ def check(target: str, path: Path, turn: int) -> None:
         return
     subject = Subject(target, (path,), {}, True)
     subject.sniff(path)
+    archive = path.read_bytes()[:2] == b"PK"
     whole = subject.convert(path)
     _ = whole.tables
     _check_account(subject, whole)
-    if turn % _TRICKLE_EVERY == 0:
+    if turn % _TRICKLE_EVERY == 0 and not archive:
         other = differing(subject.convert(path, TrickledSource).digests, whole.digests)
         if other:
             raise Broken(f"{other} differ in smaller pieces")

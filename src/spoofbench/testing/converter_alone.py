@@ -18,7 +18,7 @@ from spoofbench.errors import SpoofbenchError
 from spoofbench.testing.converter_subject import outcome
 from spoofbench.testing.isolated import import_module
 
-_ELSEWHERE = {"TZ": "Pacific/Chatham", "LC_ALL": "C", "LANG": "C", "PYTHONHASHSEED": "7", "PYTHONUTF8": "0"}
+_ELSEWHERE = {"TZ": "Pacific/Chatham", "LC_ALL": "C", "LANG": "C", "PYTHONHASHSEED": "7", "PYTHONUTF8": "0", "OPENBLAS_NUM_THREADS": "1"}
 _BUDGET_BYTES = 2**31
 _TIMEOUT_S = 600.0
 

@@ -292,6 +292,10 @@ class _Trickle:
 class TrickledSource(Source):
     """A source whose streams give fewer bytes than they are asked for."""
 
+    @classmethod
+    def of(cls, path: Path) -> "TrickledSource":
+        return cls(path, Source.of(path).head)
+
     def open(self) -> Any:
         return _Trickle(super().open())
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     import pytest
 
 _RANGES = {"lat_deg": (-90.0, 90.0), "lon_deg": (-180.0, 360.0), "course_deg": (-360.0, 360.0), "elevation_deg": (-90.0, 90.0)}
-_NOT_NEGATIVE = ("_acc_m", "_acc_mps", "_std_m", "_std_cycles", "dop", "speed_mps", "tow_s", "cov_nn_m2", "cov_ee_m2", "cov_dd_m2")
+_NOT_NEGATIVE = ("_acc_m", "_acc_mps", "_std_m", "_std_cycles", "dop", "tow_s", "cov_nn_m2", "cov_ee_m2", "cov_dd_m2")
 
 
 def check_converter(
@@ -206,8 +206,8 @@ def depends_on_content_alone(subject: Subject) -> None:
 
 
 def reads_in_any_pieces(subject: Subject) -> None:
-    """A stream that gives fewer bytes than it is asked for gives the same rows."""
-    for path, whole in subject.wholes.items():
+    """A stream that gives fewer bytes than it is asked for gives the same rows; so rows do not depend on where pieces end."""
+    for path, whole in subject.wholes.items() if subject.streamed else ():
         other = differing(subject.convert(path, TrickledSource).digests, whole.digests)
         require(not other, f"{other} of {path.name!r} are others in smaller pieces")
 
