@@ -128,7 +128,7 @@ def doctor(
             _complain(f"{file}: {error}" if len(files) > 1 else str(error))
     if as_json:
         _print_json({name: as_rows(findings) for name, findings in found.items()})
-    else:
+    elif found:
         typer.echo("\n\n".join(as_text(name, findings) for name, findings in found.items()))
     worst = {finding.severity for findings in found.values() for finding in findings}
     code = 1 if len(found) < len(files) else 4 if "error" in worst else 3 if "warning" in worst else 0

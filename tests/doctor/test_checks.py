@@ -239,7 +239,8 @@ MISTAKES: dict[str, tuple[Change, str, str]] = {
     "old leap seconds": (lambda r: described("recording", clock="gnss")(claiming(r, 16.0)), "leap-seconds", "warning"),
     "local time": (received(PVT, 2 * 3600 + 0.3), "local-time-as-utc", "error"),
     "local time of one sensor": (lambda r: moved(r, PVT, 5.5 * 3600), "local-time-as-utc", "error"),
-    "no date": (shifted_all(-START_NS / 1e9 + 100), "default-date", "error"),
+    "no date": (shifted_all(-START_NS / 1e9 + 100), "no-date", "warning"),
+    "no date of one sensor": (lambda r: moved(r, PVT, -START_NS / 1e9 + 100), "default-date", "error"),
     "week 0": (lambda r: edited(r, PVT, gps_week=np.where(np.arange(len(r[PVT])) < 5, 0, r[PVT]["gps_week"])), "default-date", "warning"),
     "clock steps noted": (described("recording", **STEPS), "clock-step", "warning"),
     "clock steps seen": (

@@ -209,7 +209,7 @@ def test_a_mapping_is_a_matter_of_the_converter_that_knows_it(file: Path, tmp_pa
         raise ZeroDivisionError
 
     def install(**converters: Any) -> None:
-        found = {name: SimpleNamespace(name=name, load=lambda object=object: object) for name, object in converters.items()}
+        found = {name: SimpleNamespace(name=name, load=lambda converter=converter: converter) for name, converter in converters.items()}
         monkeypatch.setattr(plugins, "found", lambda group: found)
 
     install(plain=SimpleNamespace(), tables=SimpleNamespace(load_mapping=load_mapping, export=write_text))

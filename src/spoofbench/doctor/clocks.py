@@ -96,19 +96,20 @@ def _date_in_name(name: str, start_s: float) -> float | None:
 
 def default_dates(recording: Recording) -> list[Finding]:
     """Times before 1990, and the week 0 that receivers claim before they know better."""
+    early = {topic: recording[topic].time_ns[recording[topic].time_ns < EARLIEST_S * 1e9] for topic in recording}
+    if sum(times.size for times in early.values()) == sum(len(recording[topic]) for topic in recording) > 0:
+        text = "all times are before 1990: they count from when the device was switched on, or another start"
+        return [Finding("no-date", "warning", "", text, "convert again with --date where the date matters")]
     findings = []
-    for topic in recording:
-        table = recording[topic]
-        early = table.time_ns < EARLIEST_S * 1e9
-        if early.any():
-            which = "all" if early.all() else str(int(early.sum()))
-            text = f"{which} rows are dated before 1990: the clock counts from its start, or had no date yet"
-            findings.append(Finding("default-date", "error", topic, text, "convert again with --date", **where(table.time_ns[early])))
+    for topic, times in early.items():
+        if times.size:
+            text = f"{counted(times.size, 'row')} before 1990: the clock had no date yet"
+            findings.append(Finding("default-date", "error", topic, text, "convert again with --date", **where(times)))
     for topic in recording.topics("gnss/pvt"):
         table = recording[topic]
         zero = table.valid("gps_week") & (table["gps_week"] == 0)
         if zero.any():
-            text = f"the receiver claims GPS week 0 in {int(zero.sum())} epochs"
+            text = f"the receiver claims GPS week 0 in {counted(int(zero.sum()), 'epoch')}"
             advice = "leave them out where time of week or date matters"
             findings.append(Finding("default-date", "warning", topic, text, advice, **where(table.time_ns[zero])))
     return findings

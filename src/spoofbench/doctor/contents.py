@@ -22,7 +22,7 @@ NEVER_ZERO = {
     "baro": ("pressure_pa",),
     "mag": ("field_x_ut", "field_y_ut", "field_z_ut"),
 }
-_HARMLESS = ("nothing in the schema", "not asked for", "not understood", "repeated", "again")
+_HARMLESS = ("nothing in the schema", "not asked for", "not understood", "not in the mapping", "repeated", "again")
 """Words of the reasons that are no loss of what could have been used."""
 
 

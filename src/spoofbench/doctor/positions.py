@@ -59,7 +59,8 @@ def held(recording: Recording) -> list[Finding]:
         rows = int(lengths[bad].sum())
         each = _repetition(way)
         regular = f"; positions are new in one row of {each}" if each > 1 else ""
-        text = f"{rows} rows repeat the position while it moves, for {held_s[longest]:.1f} s at the longest{regular}"
+        hold = f"for {held_s[longest]:.1f} s at the longest{regular}"
+        text = f"{counted(rows, 'row')} with the position of the one before while it moves, {hold}"
         start = way.start_ns[firsts[bad]]
         advice = "take only rows with a new position (a mapping's 'changes'); treat long holds as gaps"
         findings.append(Finding("held-position", "warning", topic, text, advice, rows, int(start[0]), int(start[-1])))
