@@ -1,10 +1,11 @@
 """A bag being converted: which session has which topic, and what nobody has."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from spoofbench.converting import Item, Reject
+from spoofbench.converting import Facts, Item, Reject
 from spoofbench_converters.rosbag import aspn23, definitions, mapped, slabs
 from spoofbench_converters.rosbag.definitions import Definitions
 from spoofbench_converters.rosbag.family import Options, Session
@@ -12,6 +13,7 @@ from spoofbench_converters.rosbag.layouts import ENCODINGS, Decoder
 from spoofbench_converters.rosbag.messages import STANDARD, Spec
 from spoofbench_converters.rosbag.planning import plan
 from spoofbench_converters.rosbag.sensors import Sensors
+from spoofbench_converters.rosbag.serial import SENTENCE, TYPES, open_serial
 from spoofbench_converters.rosbag.slabs import Payloads, Slab, Topic
 
 
@@ -45,6 +47,9 @@ class Conversion:
             sensors = Sensors(planned, specs, options)
             self._sessions |= dict.fromkeys(sensors.numbers, sensors)
         self._declined |= planned.declined
+        counts = Counter(source.rstrip("0123456789") for source in planned.sources)
+        for serial in open_serial([topic for topic in readable if _is_serial(topic, options)], counts):
+            self._sessions |= dict.fromkeys(serial.numbers, serial)
         for number in self._sessions:
             topic = self._topics[number]
             self._decoders[number] = Decoder(topic.type, types[number], topic.encoding)
@@ -67,6 +72,7 @@ class Conversion:
 
     def finish(self) -> Iterator[Item]:
         """Yield what the sessions still hold, and what was not understood."""
+        yield Facts({"recording": {"clock": "recorder"}})  # unless a session knows better
         for session in dict.fromkeys(self._sessions.values()):
             yield from session.finish()
         for number, (count, first) in sorted(self._unknown.items()):
@@ -91,6 +97,10 @@ class Conversion:
         for reason, places in by_reason.items():
             yield slabs.rejects(payloads.records[places], f"{topic.name}: {reason}")
         yield from self._sessions[topic.number].take(topic, groups, payloads)
+
+
+def _is_serial(topic: Topic, options: Options) -> bool:
+    return (topic.type == SENTENCE or topic.type in TYPES) and options.source in (None, topic.name)
 
 
 def _types_of(topic: Topic, given: Definitions) -> Definitions:

@@ -10,7 +10,6 @@ from spoofbench.converting import Block, Columns, InOrder, Rejects
 from spoofbench.converting.ordering import join, take
 from spoofbench.recording import Column, Table, encode_words
 from spoofbench.schema import KINDS, topic_of
-from spoofbench_converters.rosbag import slabs
 from spoofbench_converters.rosbag.streams import BACKWARDS, JOIN_NS, outer_join
 
 Sides = Mapping[str, str]
@@ -23,7 +22,7 @@ def block(source: str, kind: str, rows: Columns) -> Block:
 
 
 def _column(category: str, values: NDArray[Any]) -> Any:
-    if category == "text":
+    if category in ("text", "bytes"):
         return encode_words([word or None for word in values.tolist()])
     if category == "float" or values.dtype.kind != "f":
         return values
@@ -107,4 +106,5 @@ class PairStream:
 def refused_rows(rows: Columns, where: str) -> Iterator[Rejects]:
     """Yield the messages of refused rows as rejects."""
     if rows and rows["time_ns"].size:
-        yield slabs.rejects(rows["record"][rows["units"] > 0], f"{BACKWARDS} in {where}")
+        counted = rows["units"] > 0
+        yield Rejects(rows["record"][counted], rows["units"][counted], f"{BACKWARDS} in {where}")
