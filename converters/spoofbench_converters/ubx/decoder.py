@@ -92,10 +92,11 @@ class UbxDecoder:
         rows += attitude.high_rate(batch, claims, "ins1")
         rows += self._sensors.rows(batch)
         self._device.read(batch)
+        rows = merged(rows)
         self._sources.update(one.source for one in rows)
         used, rejects = batch.settle()
         opened, received = _begins(batch)
-        return Epochs(opened, claims.claimed_ns, claims.period_ns, received, used, merged(rows)), rejects
+        return Epochs(opened, claims.claimed_ns, claims.period_ns, received, used, rows), rejects
 
     def about(self) -> Mapping[str, Mapping[str, str]]:
         """Return, by source, what the messages tell of it; after :meth:`finish`."""

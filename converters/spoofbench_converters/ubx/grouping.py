@@ -142,16 +142,19 @@ class Grouper:
         begin_ms, end_ms = np.where(first >= 0, times[first], -1), np.where(last >= 0, times[last], -1)
         begin_raw, end_raw = raw[first], raw[last]
         self._current.learn(int(end_ms[0]), bool(end_raw[0]))
-        epochs = np.full(count, self._current.epoch)
-        highest = max(group.time_ms for group in self._open)
-        if np.all(begin_ms[1:] > np.concatenate([[highest], end_ms[1:-1]]) + _RAW_AFTER_MS):
-            epochs[1:] = self._latest + np.arange(1, count)
-            for place in range(max(1, count - LATE_RUNS - 1), count):
-                self._open.append(_Open(int(end_ms[place]), bool(end_raw[place]), self._run + place, int(epochs[place])))
+        latest, epochs = self._latest, np.full(count, self._current.epoch)
+        fresh = begin_ms > _recent(np.append(max(group.time_ms for group in self._open), end_ms[1:])) + _RAW_AFTER_MS
+        for stretch in np.split(np.arange(1, count), np.flatnonzero(fresh[2:] != fresh[1:-1]) + 1):
+            if stretch.size and fresh[stretch[0]]:
+                epochs[stretch] = latest + 1 + np.arange(stretch.size)
+                latest = int(epochs[stretch[-1]])
+                self._open += [
+                    _Open(int(end_ms[place]), bool(end_raw[place]), self._run + place, int(epochs[place]))
+                    for place in stretch[-LATE_RUNS - 1 :].tolist()
+                ]
                 self._current = self._open[-1]
-        else:
-            latest = self._latest
-            for place in range(1, count):
+                continue
+            for place in stretch.tolist():
                 latest = self._join(self._run + place, int(begin_ms[place]), bool(begin_raw[place]), latest)
                 self._current.learn(int(end_ms[place]), bool(end_raw[place]))
                 epochs[place] = self._current.epoch
@@ -167,6 +170,14 @@ class Grouper:
             self._open.append(match)
         self._current = match
         return latest
+
+
+def _recent(times: Ints) -> Ints:
+    """Return the largest time before each place, of as many as can still matter."""
+    largest = np.full(times.size, -1)
+    for back in range(1, 2 * LATE_RUNS + 1):
+        largest[back:] = np.maximum(largest[back:], times[:-back])
+    return largest
 
 
 def _latest(values: Ints, given: NDArray[np.bool_], before: int) -> Ints:

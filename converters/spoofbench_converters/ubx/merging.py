@@ -13,9 +13,11 @@ from spoofbench_converters.ubx.frames import Ints
 
 
 def merged(rows: Sequence[Rows]) -> list[Rows]:
-    """Return one :class:`Rows` per source and kind, in the order of epochs; those of one epoch stay in the order given."""
+    """Return one :class:`Rows` per source and kind that has any, in the order of epochs; those of one epoch stay in the order given."""
     topics: dict[tuple[str, str], list[Rows]] = {}
     for one in rows:
+        if not one.epoch.size:
+            continue
         topics.setdefault((one.source, one.kind), []).append(one)
     return [parts[0] if len(parts) == 1 and _in_order(parts[0].epoch) else _merge(parts) for parts in topics.values()]
 

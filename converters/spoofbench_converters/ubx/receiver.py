@@ -201,7 +201,7 @@ def time_marks(batch: Batch, source: str) -> list[Rows]:
     if not frames.size:
         return []
     batch.use(frames)
-    base = flags[keep] >> 3 & 3
+    base = flags[keep].astype(np.int64) >> 3 & 3
     columns: Cells = {
         "channel": head["ch"].astype(np.int64),
         "count": head["count"].astype(np.int64),
