@@ -28,7 +28,8 @@ ECEF = {"ecef_position": "position", "ecef_velocity": "velocity"}
 """Three columns of the Earth-centred frame each, which become geodetic coordinates and NED velocity."""
 
 _FIELD_SETTINGS = ("column", "unit", "offset", "missing", "values", "optional", "value")
-_EPOCHS = {"unix": datetime(1970, 1, 1, tzinfo=UTC), "gps": datetime(1980, 1, 6, tzinfo=UTC)}
+_DAY_NS = 86_400_000_000_000
+_EPOCHS = {"unix": 0, "gps": 3657 * _DAY_NS, "matlab": -719_529 * _DAY_NS}  # a MATLAB serial date counts days from the year 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,34 +64,38 @@ class TimeSpec:
         unit: of the number; None: a text.
         format: of the text: ``iso``, or a pattern of ``strptime``.
         date: a column with the date, which stands before the text or whose day the number counts in.
+        date_format: of the date where a number counts in its day: a pattern, else ``iso``.
         week: a column with the GPS week, whose second the number counts.
-        since: where the number counts from; None: from where the clock was started, or the day that the user gives.
+        since_ns: Unix time that the number counts from; None: when the clock was started, or a day that is given elsewhere.
         of_day: whether the number counts from midnight.
         scale: ``utc`` or ``gps``; a time of GPS is ahead by the leap seconds.
         zone: what a text without zone is in.
         leap_seconds: GPS minus UTC where the mapping declares it.
         wraps: the number starts over at this value; 0: it does not.
+        also: further columns that are read beside it.
     """
 
     column: str
     unit: Unit | None
     format: str
     date: str | None
+    date_format: str
     week: str | None
-    since: datetime | None
+    since_ns: int | None
     of_day: bool
     scale: str
     zone: timezone
     leap_seconds: int | None
     wraps: int
+    also: tuple[str, ...] = ()
 
     @property
     def is_relative(self) -> bool:
         """Whether the day must come from elsewhere."""
-        return self.unit is not None and self.since is None and self.week is None and self.date is None
+        return self.unit is not None and self.since_ns is None and self.week is None and self.date is None
 
     def columns(self) -> tuple[str, ...]:
-        return tuple(name for name in (self.column, self.date, self.week) if name is not None)
+        return tuple(name for name in (self.column, self.date, self.week, *self.also) if name is not None)
 
 
 def read_time(node: Node) -> TimeSpec:
@@ -99,22 +104,31 @@ def read_time(node: Node) -> TimeSpec:
     Raises:
         ConversionError: it does not fit together.
     """
-    node.only("column", "unit", "format", "date", "week", "since", "scale", "zone", "leap_seconds", "wraps")
+    node.only("column", "unit", "format", "date", "week", "date_format", "since", "scale", "zone", "leap_seconds", "wraps")
     if ("unit" in node) == ("format" in node):
         raise node.error("needs a 'unit' if the column holds numbers, or else a 'format': 'iso' or a pattern such as '%d%m%y %H%M%S'")
     unit = read_unit(node.text("unit")) if "unit" in node else None
     if unit is not None and unit.dimension != "time":
         raise node.error(f"has the unit {unit.name!r}, which is no unit of time")
     date, week = node.text("date", "") or None, node.text("week", "") or None
-    since, of_day = _since(node, unit is not None, date, week)
-    scale = node.one_of("scale", ("utc", "gps"), "gps" if week or node.raw("since") == "gps" else "utc")
-    leap_seconds = node.count("leap_seconds") if "leap_seconds" in node else None
+    since_ns, of_day = _since(node, unit is not None, date, week)
     return TimeSpec(
-        node.text("column"), unit, node.text("format", ""), date, week, since, of_day, scale, _zone(node), leap_seconds, node.count("wraps")
+        column=node.text("column"),
+        unit=unit,
+        format=node.text("format", ""),
+        date=date,
+        date_format=node.text("date_format", "iso"),
+        week=week,
+        since_ns=since_ns,
+        of_day=of_day,
+        scale=node.one_of("scale", ("utc", "gps"), "gps" if week or node.raw("since") == "gps" else "utc"),
+        zone=_zone(node),
+        leap_seconds=node.count("leap_seconds") if "leap_seconds" in node else None,
+        wraps=node.count("wraps"),
     )
 
 
-def _since(node: Node, is_number: bool, date: str | None, week: str | None) -> tuple[datetime | None, bool]:
+def _since(node: Node, is_number: bool, date: str | None, week: str | None) -> tuple[int | None, bool]:
     """Return where a number counts from, and whether from midnight."""
     given = node.text("since", "" if not is_number else "day" if date else "week" if week else "unix")
     if not is_number:
@@ -128,10 +142,20 @@ def _since(node: Node, is_number: bool, date: str | None, week: str | None) -> t
     if given in _EPOCHS:
         return _EPOCHS[given], False
     try:
-        moment = datetime.fromisoformat(given)
+        return moment_ns(given), False
     except ValueError:
-        raise node.error(f"has since {given!r}, which must be unix, gps, week, day, start or a date such as 2000-01-01") from None
-    return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment, False
+        raise node.error(f"has since {given!r}, which must be unix, gps, matlab, week, day, start or a date such as 2000-01-01") from None
+
+
+def moment_ns(text: str) -> int:
+    """Return the Unix time of an ISO date or time; without zone it is UTC.
+
+    Raises:
+        ValueError: it is none.
+    """
+    moment = datetime.fromisoformat(text)
+    aware = moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment
+    return (aware - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1000
 
 
 def _zone(node: Node) -> timezone:

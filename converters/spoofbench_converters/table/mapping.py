@@ -54,6 +54,7 @@ _TABLE_SETTINGS = (
     "delimiter",
     "header",
     "columns",
+    "signature",
     "comment",
     "skip_lines",
     "decimal_comma",
@@ -135,7 +136,8 @@ class TableSpec:
     Attributes:
         files: patterns of paths within the folder or archive.
         messages: patterns of ROS message types (``package/Type``).
-        columns: names of the columns; of a table with a header, all that it has (its signature).
+        columns: names of the columns; of a table with a header, all that it may have, by which it is recognised.
+        signature: what a comment before a table without header starts with, by which it is recognised; runs of blanks are one.
     """
 
     name: str
@@ -143,6 +145,7 @@ class TableSpec:
     messages: tuple[str, ...]
     layout: Layout
     columns: tuple[str, ...]
+    signature: str
     time: TimeSpec | None
     topics: tuple[TopicSpec, ...]
 
@@ -260,6 +263,7 @@ def _table(node: Node, name: str) -> TableSpec:
         messages,
         layout,
         columns,
+        node.text("signature", ""),
         read_time(time) if time else None,
         tuple(_topic(node.child_of(topic), topic) for topic in topics),
     )

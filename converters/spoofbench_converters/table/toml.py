@@ -50,7 +50,7 @@ class Node:
     def count(self, key: str) -> int:
         """Return a whole number from 0 on, 0 where there is none."""
         value = self._typed(key, int, 0)
-        if not 0 <= value < 2**31:
+        if not 0 <= value < 2**63:
             raise self.error(f"has {key!r} {value!r}, which must be a whole number from 0 on")
         return int(value)
 

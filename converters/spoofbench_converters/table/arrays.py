@@ -1,0 +1,237 @@
+"""Tables that are no text: Parquet, MAT files and NumPy arrays, as rows.
+
+Their rows have no bytes of their own, so the bytes of a file are shared out evenly among the rows that it has.
+"""
+
+import io
+import math
+import struct
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import IO, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.errors import ConversionError, LimitError
+from spoofbench_converters.table.text import Rows
+
+MAX_FILE_BYTES = 2 * 2**30
+MAX_ARRAY_BYTES = 2**30
+BATCH_ROWS = 65_536
+
+Arrays = Mapping[str, NDArray[Any]]
+
+_MAT_HEADER = 128
+_COMPRESSED = 15
+_MAT_ERRORS = (
+    ValueError,
+    TypeError,
+    KeyError,
+    IndexError,
+    OverflowError,
+    MemoryError,
+    EOFError,
+    OSError,
+    AttributeError,
+    NotImplementedError,
+    zlib.error,
+)
+
+
+class Shares:
+    """Shares ``octets`` bytes of the source from ``base`` on out among ``rows`` rows."""
+
+    def __init__(self, base: int, octets: int, rows: int) -> None:
+        self._base, self._octets, self._rows = base, octets, rows
+        self._given = 0
+
+    def next(self, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return offsets and lengths of the next rows."""
+        first, self._given = self._given, self._given + count
+        ends = np.array([self._octets * row // self._rows for row in (first, self._given)])
+        bounds = ends[0] + (ends[1] - ends[0]) * np.arange(count + 1) // max(count, 1)
+        return self._base + bounds[:-1], np.diff(bounds)
+
+
+def column_names(arrays: Arrays, names: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the columns of arrays: of a matrix ``name[0]``, ``name[1]``, ..., or the names given for those of a single one."""
+    found: list[str] = []
+    for name, array in arrays.items():
+        found += [name] if array.ndim == 1 else [f"{name}[{place}]" for place in range(array.shape[1])]
+    if names and len(arrays) == 1:
+        return tuple(names[: len(found)])
+    return tuple(found)
+
+
+def rows_of(arrays: Arrays, names: Sequence[str], shares: Shares) -> Iterator[Rows]:
+    """Yield the rows of arrays of equal length ``(n,)`` or ``(n, k)``.
+
+    Raises:
+        ConversionError: their lengths differ.
+    """
+    import pyarrow as pa
+
+    columns = [part for array in arrays.values() for part in ([array] if array.ndim == 1 else list(array.T))]
+    by_name = dict(zip(column_names(arrays, names), columns, strict=False))
+    sizes = {name: array.shape[0] for name, array in arrays.items()}
+    if len(set(sizes.values())) > 1:
+        raise ConversionError(f"arrays of one table differ in length: {sizes}")
+    total = next(iter(sizes.values()), 0)
+    for first in range(0, total, BATCH_ROWS):
+        part = {name: pa.array(np.ascontiguousarray(column[first : first + BATCH_ROWS])) for name, column in by_name.items()}
+        yield Rows(part, *shares.next(min(BATCH_ROWS, total - first)))
+
+
+def read_npy(file: IO[bytes], name: str) -> NDArray[Any]:
+    """Return a NumPy array of numbers with one or two axes.
+
+    Raises:
+        ConversionError: it is none, or is cut off; LimitError: it is too large.
+    """
+    try:
+        version = np.lib.format.read_magic(file)
+        if version[0] > 2:
+            raise ValueError(f"version {version}")
+        reader = np.lib.format.read_array_header_1_0 if version[0] == 1 else np.lib.format.read_array_header_2_0
+        shape, by_columns, dtype = reader(file)
+    except (ValueError, TypeError, SyntaxError, EOFError, RecursionError, MemoryError) as error:
+        raise ConversionError(f"{name!r} is no NumPy array that can be read: {error}") from error
+    if dtype.kind not in "fiubM" or dtype.itemsize > 16 or len(shape) not in (1, 2):
+        raise ConversionError(f"{name!r} is an array {shape} of {dtype}, where numbers with one or two axes can be read")
+    octets = math.prod(shape) * dtype.itemsize
+    if octets > MAX_ARRAY_BYTES:
+        raise LimitError(f"the array {name!r} has {octets:,} bytes, more than {MAX_ARRAY_BYTES:,}")
+    content = file.read(octets)
+    if len(content) < octets:
+        raise ConversionError(f"the array {name!r} is cut off: it has {len(content):,} of {octets:,} bytes")
+    array = np.frombuffer(content, dtype).reshape(shape, order="F" if by_columns else "C")
+    return array.astype(dtype.newbyteorder("="))
+
+
+def matched(arrays: Arrays, index: str) -> Arrays:
+    """Return the arrays of several folders as columns of one table, in rows of equal times; absent where a folder has no such time.
+
+    Args:
+        arrays: by ``<folder>/<name>``; each folder has an array called ``index``.
+    """
+    times = {name.rpartition("/")[0]: array for name, array in arrays.items() if name.rpartition("/")[2] == index}
+    if any(array.ndim != 1 for array in times.values()) or not times:
+        raise ConversionError(f"the arrays {sorted(arrays)} have no array {index!r} with one axis beside them")
+    every = np.unique(np.concatenate(list(times.values())))
+    found: dict[str, NDArray[Any]] = {index: every}
+    for name, array in arrays.items():
+        folder, _, own = name.rpartition("/")
+        if own == index or folder not in times:
+            continue
+        if array.shape[0] != times[folder].size:
+            raise ConversionError(f"the array {name!r} has {array.shape[0]} rows, but {folder}/{index} has {times[folder].size}")
+        filled = np.full((every.size, *array.shape[1:]), np.nan)
+        filled[np.searchsorted(every, times[folder])] = array
+        found[name] = filled
+    return found
+
+
+def read_mat(octets: bytes, name: str, wanted: Sequence[str]) -> tuple[dict[str, NDArray[Any]], dict[str, tuple[str, ...]]]:
+    """Return variables of numbers of a MAT file of version 5 to 7, of a structure ``name.field``; and lists of texts.
+
+    Raises:
+        ConversionError: it is of another version, or damaged; LimitError: it unpacks to too much.
+    """
+    import scipy.io
+
+    if octets.startswith(b"MATLAB 7.3"):
+        raise ConversionError(f"{name!r} is a MAT file of version 7.3; save it with '-v7' in MATLAB")
+    _refuse_bomb(octets, name)
+    variables = [variable.partition(".")[0] for variable in wanted]
+    try:
+        content = scipy.io.loadmat(cast(Any, io.BytesIO(octets)), variable_names=variables)
+    except (*_MAT_ERRORS, scipy.io.matlab.MatReadError) as error:
+        raise ConversionError(f"{name!r} is no MAT file that can be read: {type(error).__name__}: {error}") from error
+    numbers: dict[str, NDArray[Any]] = {}
+    texts: dict[str, tuple[str, ...]] = {}
+    for key, value in content.items():
+        if not key.startswith("__"):
+            numbers |= _numeric(key, value)
+            texts |= _texts(key, value)
+    return numbers, texts
+
+
+def _numeric(name: str, value: Any) -> dict[str, NDArray[Any]]:
+    if not isinstance(value, np.ndarray):
+        return {}
+    if value.dtype.names and value.size == 1:
+        return {key: array for field in value.dtype.names for key, array in _numeric(f"{name}.{field}", value.flat[0][field]).items()}
+    if value.dtype.kind not in "fiub" or value.ndim != 2:
+        return {}
+    return {name: value.reshape(-1) if 1 in value.shape else value}
+
+
+def _texts(name: str, value: Any) -> dict[str, tuple[str, ...]]:
+    """Return a cell array of texts."""
+    if not isinstance(value, np.ndarray) or value.dtype != object:
+        return {}
+    cells = [cell.reshape(-1) for cell in value.flat if isinstance(cell, np.ndarray) and cell.dtype.kind == "U"]
+    return {name: tuple(str(cell[0]).strip() if cell.size else "" for cell in cells)} if len(cells) == value.size else {}
+
+
+def _refuse_bomb(octets: bytes, name: str) -> None:
+    """Refuse a file of version 5 whose compressed elements unpack to too much."""
+    order = "<" if octets[126:128] == b"IM" else ">"
+    place, total = _MAT_HEADER, 0
+    while place + 8 <= len(octets):
+        kind, size = struct.unpack_from(f"{order}II", octets, place)
+        if kind == _COMPRESSED:
+            unpacker, rest = zlib.decompressobj(), octets[place + 8 : place + 8 + size]
+            while rest and not unpacker.eof:
+                try:
+                    total += len(unpacker.decompress(rest, 2**20))
+                except zlib.error:
+                    break
+                rest = unpacker.unconsumed_tail
+                if total > MAX_ARRAY_BYTES:
+                    raise LimitError(f"{name!r} unpacks to more than {MAX_ARRAY_BYTES:,} bytes")
+        place += 8 + size
+
+
+def parquet_rows(file: IO[bytes], name: str, wanted: Sequence[str], base: int, octets: int) -> Iterator[Rows]:
+    """Yield the rows of a Parquet file.
+
+    Raises:
+        ConversionError: it cannot be read.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.ParquetFile(file)
+        shares = Shares(base, octets, table.metadata.num_rows)
+        for batch in table.iter_batches(BATCH_ROWS, columns=list(wanted)):
+            yield Rows({column: _plain(batch.column(column)) for column in wanted}, *shares.next(batch.num_rows))
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise ConversionError(f"{name!r} is no Parquet file that can be read: {error}") from error
+
+
+def parquet_columns(file: IO[bytes], name: str) -> tuple[str, ...]:
+    """Return the names of a Parquet file's columns."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return tuple(pq.ParquetFile(file).schema_arrow.names)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise ConversionError(f"{name!r} is no Parquet file that can be read: {error}") from error
+
+
+def _plain(cells: Any) -> Any:
+    """Return cells without a dictionary, texts as such."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if pa.types.is_dictionary(cells.type):
+        cells = cells.dictionary_decode()
+    if pa.types.is_large_string(cells.type) or pa.types.is_string_view(cells.type):
+        cells = pc.cast(cells, pa.string())
+    if pa.types.is_string(cells.type):
+        cells = pc.if_else(pc.equal(cells, ""), pa.scalar(None, pa.string()), cells)
+    return cells

@@ -1,0 +1,218 @@
+"""Cells of a table as times: exact to the nanosecond, whatever they are written in."""
+
+from collections.abc import Mapping
+from datetime import timedelta
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench_converters.table.cells import Bools, is_text, numbers, present, words
+from spoofbench_converters.table.fields import TimeSpec
+
+SECOND_NS = 1_000_000_000
+DAY_NS = 86_400 * SECOND_NS
+WEEK_NS = 7 * DAY_NS
+GPS_EPOCH_NS = 315_964_800 * SECOND_NS
+
+# The days from whose beginning UTC was one more second behind GPS time (IERS Bulletin C).
+_LEAPS = (
+    "1981-07-01 1982-07-01 1983-07-01 1985-07-01 1988-01-01 1990-01-01 1991-01-01 1992-07-01 1993-07-01 "
+    "1994-07-01 1996-01-01 1997-07-01 1999-01-01 2006-01-01 2009-01-01 2012-07-01 2015-07-01 2017-01-01"
+)
+_LEAP_UTC_NS = np.array(_LEAPS.split(), "datetime64[ns]").astype(np.int64)
+_LEAP_GPS_NS = _LEAP_UTC_NS + np.arange(1, _LEAP_UTC_NS.size + 1) * SECOND_NS
+_LIMIT_NS = 2**62
+_ZONED = r"[0-9](Z|z|[+-][0-9]{2}(:?[0-9]{2})?)$"
+
+
+def leap_seconds_at_utc(utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return GPS time minus UTC in seconds at times in UTC, ``(n,)``."""
+    return np.searchsorted(_LEAP_UTC_NS, utc_ns, "right")
+
+
+def gps_to_utc(gps_ns: NDArray[np.int64], leap_seconds: int | None = None) -> NDArray[np.int64]:
+    """Return UTC of times of the GPS scale written as if they were Unix time, ``(n,)``."""
+    leaps = np.searchsorted(_LEAP_GPS_NS, gps_ns, "right") if leap_seconds is None else leap_seconds
+    return np.asarray(gps_ns - leaps * SECOND_NS)
+
+
+class Clock:
+    """Reads the time of rows as they stream by: a number that starts over is continued.
+
+    Args:
+        spec: what the mapping says.
+        start_ns: Unix time, UTC, at which the count of a clock without date is 0; of a time of day, a day's midnight.
+    """
+
+    def __init__(self, spec: TimeSpec, start_ns: int = 0) -> None:
+        self.spec = spec
+        self._start_ns = start_ns
+        per_turn = DAY_NS if spec.of_day and spec.date is None else round(spec.wraps * ns_per(spec)) if spec.unit else 0
+        self._turn_ns = per_turn
+        self._last_ns: int | None = None
+        self._turns = 0
+
+    def read(self, columns: Mapping[str, Any]) -> tuple[NDArray[np.int64], Bools]:
+        """Return Unix time in UTC, int64 ``(n,)``, and which rows have none."""
+        spec = self.spec
+        if spec.unit is None:
+            time_ns, bad = _texts(spec, columns)
+        else:
+            time_ns, bad = self._counts(columns[spec.column])
+            if self._turn_ns:
+                time_ns = time_ns + self._turned(time_ns, bad)
+            base_ns, base_bad = self._base(columns)
+            time_ns, bad = time_ns + base_ns, bad | base_bad
+        if spec.scale == "gps":
+            time_ns = gps_to_utc(time_ns, spec.leap_seconds)
+        elif spec.unit is not None and (spec.date is not None or spec.of_day):
+            time_ns = time_ns - offset_ns(spec)
+        bad = bad | (np.abs(time_ns) >= _LIMIT_NS)
+        return np.where(bad, 0, time_ns), bad
+
+    def _counts(self, cells: Any) -> tuple[NDArray[np.int64], Bools]:
+        """Return the numbers as nanoseconds; those that count from very long ago as Unix time."""
+        since_ns, ns_per_unit = self.spec.since_ns or 0, ns_per(self.spec)
+        if abs(since_ns) < _LIMIT_NS:
+            return counts(cells, ns_per_unit)
+        import pyarrow as pa
+
+        values, bad = numbers(cells)
+        time_ns, empty = counts(pa.array(values + float(since_ns / ns_per_unit)), ns_per_unit)
+        return time_ns, bad | empty
+
+    def _base(self, columns: Mapping[str, Any]) -> tuple[Any, Any]:
+        """Return the Unix time from which the numbers count: one for all, or one for each row."""
+        spec = self.spec
+        if spec.week is not None:
+            weeks, bad = numbers(columns[spec.week])
+            bad = bad | np.isnan(weeks) | (weeks < 0) | (weeks > 10_000) | (weeks != np.rint(weeks))
+            return np.where(bad, 0, weeks).astype(np.int64) * WEEK_NS + GPS_EPOCH_NS, bad
+        if spec.date is not None:
+            return _dates(columns[spec.date], spec.date_format)
+        since_ns = self._start_ns if spec.since_ns is None else spec.since_ns
+        return since_ns if abs(since_ns) < _LIMIT_NS else 0, False
+
+    def _turned(self, count_ns: NDArray[np.int64], bad: Bools) -> NDArray[np.int64]:
+        """Return what is to be added because the count started over, or went back before that again."""
+        good = np.flatnonzero(~bad)
+        added = np.zeros(count_ns.size, np.int64)
+        if not good.size:
+            return added
+        counts_ns = count_ns[good]
+        steps = np.diff(counts_ns, prepend=counts_ns[0] if self._last_ns is None else self._last_ns)
+        half = self._turn_ns // 2
+        turns = self._turns + np.cumsum((steps < -half).astype(np.int64) - (steps > half))
+        self._last_ns, self._turns = int(counts_ns[-1]), int(turns[-1])
+        added[good] = turns * self._turn_ns
+        return added
+
+
+def counts(cells: Any, ns_per_unit: Fraction) -> tuple[NDArray[np.int64], Bools]:
+    """Return numbers of a unit of time as nanoseconds, int64 ``(n,)``, and which cells are none: exact for decimal text and integers."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if pa.types.is_timestamp(cells.type):
+        exact = pc.cast(cells, pa.timestamp("ns", cells.type.tz), safe=False)
+        return np.asarray(pc.fill_null(pc.cast(exact, pa.int64()), 0).to_numpy(zero_copy_only=False)), ~present(cells)
+    if pa.types.is_decimal(cells.type):
+        cells = pc.cast(cells, pa.string())
+    if is_text(cells):
+        exact_ns = _decimals(cells, ns_per_unit)
+        if exact_ns is not None:
+            return exact_ns, ~present(cells)
+        cells = _integers(cells)
+    if pa.types.is_integer(cells.type):
+        whole = pc.fill_null(cells, 0).to_numpy(zero_copy_only=False)
+        bad = ~present(cells) | (np.abs(whole.astype(np.float64)) * float(ns_per_unit) >= _LIMIT_NS)
+        return _scaled(np.where(bad, 0, whole).astype(np.int64), np.zeros(len(cells)), ns_per_unit), bad
+    values, bad = numbers(cells)
+    bad = bad | np.isnan(values) | (np.abs(values) * float(ns_per_unit) >= _LIMIT_NS)
+    values = np.where(bad, 0.0, values)
+    floor = np.floor(values)
+    return _scaled(floor.astype(np.int64), values - floor, ns_per_unit), bad
+
+
+def _scaled(whole: NDArray[np.int64], part: NDArray[np.float64], ns_per_unit: Fraction) -> NDArray[np.int64]:
+    up, down = ns_per_unit.numerator, ns_per_unit.denominator
+    if down == 1:
+        return np.asarray(whole * up + np.rint(part * up).astype(np.int64))
+    return np.asarray(whole // down * up + np.rint((whole % down + part) * up / down).astype(np.int64))
+
+
+def _integers(cells: Any) -> Any:
+    """Return texts as integers if all are, else as they are."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    try:
+        return pc.cast(cells, pa.int64())
+    except pa.ArrowInvalid:
+        return cells
+
+
+def _decimals(cells: Any, ns_per_unit: Fraction) -> NDArray[np.int64] | None:
+    """Return decimal text as nanoseconds, exactly; None if some cell is no decimal number of at most nine digits behind the nanosecond."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    digits = {10**9: 9, 10**6: 6, 10**3: 3, 1: 0}.get(ns_per_unit.numerator if ns_per_unit.denominator == 1 else 0)
+    if digits is None:
+        return None
+    try:
+        exact = pc.cast(cells, pa.decimal128(38, digits))
+    except pa.ArrowInvalid:
+        try:
+            exact = pc.cast(pc.round(pc.cast(cells, pa.decimal128(38, digits + 9)), ndigits=digits), pa.decimal128(38, digits))
+        except pa.ArrowInvalid:
+            return None
+    exact = pc.fill_null(exact, 0)
+    pairs = np.frombuffer(exact.buffers()[1], np.int64)[2 * exact.offset :][: 2 * len(exact)].reshape(-1, 2)
+    low, high = pairs[:, 0], pairs[:, 1]
+    return None if np.any(high != low >> 63) else low.copy()
+
+
+def _texts(spec: TimeSpec, columns: Mapping[str, Any]) -> tuple[NDArray[np.int64], Bools]:
+    """Return texts as Unix time, and which are no time."""
+    import pandas as pd
+    import pyarrow.compute as pc
+
+    texts = words(columns[spec.column])
+    if spec.date is not None:
+        texts = pc.binary_join_element_wise(words(columns[spec.date]), texts, " ")
+    if spec.format == "iso":
+        texts = pc.replace_substring(texts, "/", "-")
+    zoned = np.array(pc.fill_null(pc.match_substring_regex(texts, _ZONED), False).to_numpy(zero_copy_only=False), bool)
+    if spec.format == "iso":
+        zoned &= np.array(pc.fill_null(pc.match_substring(texts, ":"), False).to_numpy(zero_copy_only=False), bool)
+    elif "%z" not in spec.format:
+        zoned[:] = False
+    parsed = pd.to_datetime(texts.to_pandas(), format="ISO8601" if spec.format == "iso" else spec.format, utc=True, errors="coerce")
+    bad = np.asarray(parsed.isna())
+    time_ns = parsed.dt.as_unit("ns").to_numpy(dtype="datetime64[ns]").astype(np.int64)
+    return np.where(bad, 0, time_ns - np.where(zoned, 0, offset_ns(spec))), bad
+
+
+def _dates(cells: Any, pattern: str) -> tuple[NDArray[np.int64], Bools]:
+    """Return midnights of a column of dates, and which cells are no date."""
+    import pandas as pd
+
+    parsed = pd.to_datetime(
+        words(cells).to_pandas(), format="ISO8601" if pattern == "iso" else pattern, utc=True, errors="coerce"
+    ).dt.floor("D")
+    bad = np.asarray(parsed.isna())
+    return np.where(bad, 0, parsed.dt.as_unit("ns").to_numpy(dtype="datetime64[ns]").astype(np.int64)), bad
+
+
+def ns_per(spec: TimeSpec) -> Fraction:
+    """Return how many nanoseconds the unit of a time has."""
+    assert spec.unit is not None
+    return spec.unit.factor * SECOND_NS
+
+
+def offset_ns(spec: TimeSpec) -> int:
+    """Return how far the zone of a time is ahead of UTC."""
+    return spec.zone.utcoffset(None) // timedelta(microseconds=1) * 1000
