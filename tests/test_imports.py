@@ -29,6 +29,7 @@ ORDER = [
     "summary",
     "testing",
     "demo",
+    "terminal",
     "cli",
 ]
 

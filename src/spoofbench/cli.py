@@ -2,12 +2,12 @@
 
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn, Optional
 
 import typer
+
+from spoofbench.terminal import complain, print_json, print_lines, progress_bars, read_texts, read_values
 
 app = typer.Typer(
     name="spoofbench",
@@ -41,7 +41,7 @@ def demo(
     """Convert, attack, run and report on a real drive."""
     from spoofbench.demo import demonstrate
 
-    with _progress() as progress:
+    with progress_bars() as progress:
         page = demonstrate(out, workers, progress)
     _leaderboard(out / "results")
     typer.echo(f"report: {page}")
@@ -69,26 +69,26 @@ def convert(
     named = {"date": date, "source": source, "append_clock": "true" if append_clock else None, "mapping": mapping}
     wishes = {name: text for name, text in named.items() if text is not None}
     jobs = plan(inputs, out, log_format)
-    with _progress() as progress:
+    with progress_bars() as progress:
         if len(jobs) == 1 and not jobs[0].walked:
-            request = Request(log_format, {**wishes, **_texts(options)}, {}, strict)
+            request = Request(log_format, {**wishes, **read_texts(options)}, {}, strict)
             outcomes = [convert_job(jobs[0], request, progress(f"convert {jobs[0].source.name}"))]
         else:
-            request = Request(log_format, _texts(options), wishes, strict)
+            request = Request(log_format, read_texts(options), wishes, strict)
             made = convert_many(jobs, request, workers=workers, progress=progress(f"convert {len(jobs)} logs"))
             outcomes = sorted(made, key=lambda outcome: jobs.index(outcome.job))
     ledger = outcomes[0].ledger
     if as_json:
-        _print_json(as_rows(outcomes))
+        print_json(as_rows(outcomes))
     elif len(outcomes) > 1:
-        _print_lines(as_table(outcomes))
+        print_lines(as_table(outcomes))
     elif ledger:
-        _print_lines([str(outcomes[0].job.target), *ledger.as_text().split("\n")])
+        print_lines([str(outcomes[0].job.target), *ledger.as_text().split("\n")])
     failed = [outcome for outcome in outcomes if outcome.status == "failed" or (outcome.ledger is None and not outcome.job.walked)]
     for outcome in failed:
-        _complain(f"{outcome.job.source}: {outcome.reason}" if len(outcomes) > 1 else str(outcome.reason))
+        complain(f"{outcome.job.source}: {outcome.reason}" if len(outcomes) > 1 else str(outcome.reason))
     for reason in sorted({outcome.reason for outcome in outcomes if outcome.reason and outcome not in failed}):
-        _complain(reason)
+        complain(reason)
     if failed or not any(outcome.ledger for outcome in outcomes):
         raise typer.Exit(1)
 
@@ -100,7 +100,7 @@ def info(file: Path, as_json: AsJson = False) -> None:
 
     summary = summarise(file)
     if as_json:
-        _print_json(as_dict(summary))
+        print_json(as_dict(summary))
     else:
         typer.echo(as_text(summary))
 
@@ -123,11 +123,11 @@ def doctor(
     found: dict[str, Any] = {}
     for file in files:
         try:
-            found[str(file)] = examine_file(file, log_format, _texts(options))
+            found[str(file)] = examine_file(file, log_format, read_texts(options))
         except (SpoofbenchError, OSError) as error:
-            _complain(f"{file}: {error}" if len(files) > 1 else str(error))
+            complain(f"{file}: {error}" if len(files) > 1 else str(error))
     if as_json:
-        _print_json({name: as_rows(findings) for name, findings in found.items()})
+        print_json({name: as_rows(findings) for name, findings in found.items()})
     elif found:
         typer.echo("\n\n".join(as_text(name, findings) for name, findings in found.items()))
     worst = {finding.severity for findings in found.values() for finding in findings}
@@ -154,9 +154,9 @@ def export(
         if topics:
             raise typer.BadParameter("a mapping says which topics it takes; leave out --topic")
         export_by_mapping(file, out, mapping)
-        _print_lines([f"{out}: by the mapping {mapping}"])
+        print_lines([f"{out}: by the mapping {mapping}"])
     else:
-        _print_lines([f"{out}: {topic}" for topic in export_topics(file, out, topics=topics or (), table_format=table_format)])
+        print_lines([f"{out}: {topic}" for topic in export_topics(file, out, topics=topics or (), table_format=table_format)])
 
 
 @app.command()
@@ -176,9 +176,9 @@ def attack(
 
     if out.resolve() in {clean.resolve() for clean in (file, *(donors or []))}:
         raise typer.BadParameter(f"the variant {str(out)!r} would take the place of a recording that it is made from")
-    rows = attack_file(file, out, name, _values(parameters), donors or [], start_s=start, duration_s=duration, seed=seed)
+    rows = attack_file(file, out, name, read_values(parameters), donors or [], start_s=start, duration_s=duration, seed=seed)
     if as_json:
-        _print_json(rows)
+        print_json(rows)
     else:
         for row in rows:
             typer.echo(
@@ -201,7 +201,7 @@ def run(
     from spoofbench.runner import run as run_suite
     from spoofbench.suite import load_suite
 
-    with _progress() as progress:
+    with progress_bars() as progress:
         run_suite(load_suite(suite), out, workers=workers, resume=resume, retry_failed=retry_failed, progress=progress("run"))
     _leaderboard(out)
 
@@ -243,7 +243,7 @@ def plugins(as_json: AsJson = False) -> None:
         for p in installed.found(group).values()
     ]
     if as_json:
-        _print_json(rows)
+        print_json(rows)
     else:
         for row in rows:
             typer.echo(f"{row['kind']:<10} {row['name']:<20} {row['distribution']} {row['version']}")
@@ -256,9 +256,9 @@ def check(name: str, parameters: Parameters = None, as_json: AsJson = False) -> 
     from spoofbench.testing import run_attack_checks, run_detector_checks
 
     is_attack = name in installed.found(installed.ATTACKS) and name not in installed.found(installed.DETECTORS)
-    results = (run_attack_checks if is_attack else run_detector_checks)(name, _values(parameters))
+    results = (run_attack_checks if is_attack else run_detector_checks)(name, read_values(parameters))
     if as_json:
-        _print_json([{"check": r.name, "passed": r.passed, "reason": r.reason} for r in results])
+        print_json([{"check": r.name, "passed": r.passed, "reason": r.reason} for r in results])
     else:
         for result in results:
             typer.echo(f"{'pass' if result.passed else 'FAIL'}  {result.name}{'' if result.passed else ': ' + (result.reason or '')}")
@@ -283,21 +283,8 @@ def main() -> None:
 
 
 def _fail(reason: str) -> NoReturn:
-    _complain(reason)
+    complain(reason)
     sys.exit(1)
-
-
-def _complain(reason: str) -> None:
-    from spoofbench.report.text import printable
-
-    typer.echo(f"spoofbench: {printable(' '.join(reason.split()))}", err=True)
-
-
-def _print_lines(lines: list[str]) -> None:
-    from spoofbench.report.text import printable
-
-    for line in lines:
-        typer.echo(printable(line))
 
 
 def _leaderboard(results: Path) -> None:
@@ -306,51 +293,3 @@ def _leaderboard(results: Path) -> None:
     from spoofbench.report import print_leaderboard
 
     print_leaderboard(results, Console())
-
-
-def _texts(pairs: list[str] | None) -> dict[str, str]:
-    texts = {}
-    for pair in pairs or []:
-        key, equals, value = pair.partition("=")
-        if not key or not equals:
-            raise typer.BadParameter(f"{pair!r} is not KEY=VALUE")
-        if key in texts:
-            raise typer.BadParameter(f"parameter {key!r} stands there twice")
-        texts[key] = value
-    return texts
-
-
-def _values(pairs: list[str] | None) -> dict[str, Any]:
-    """Read each value as TOML would, and as plain text where it is not TOML."""
-    import tomllib
-
-    values: dict[str, Any] = {}
-    for key, text in _texts(pairs).items():
-        try:
-            values[key] = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            values[key] = text
-    return values
-
-
-def _print_json(value: Any) -> None:
-    import json
-
-    typer.echo(json.dumps(value, indent=1, allow_nan=False))
-
-
-@contextmanager
-def _progress() -> Iterator[Any]:
-    """Yield a function that opens a progress bar by name and returns what moves it (0 to 1); bars show on a terminal only."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
-
-        def start(name: str) -> Any:
-            bar = bars.add_task(name, total=1.0)
-            return lambda share: bars.update(bar, completed=share)
-
-        yield start

@@ -123,9 +123,11 @@ def as_text(summary: Summary) -> str:
     if "file" in origin:
         lines.append(_pair("log", f"{origin['file']}, {_size(origin.get('size', ''))}by the {origin.get('converter', '?')} converter"))
     lines.append(_pair("clock", _clock_text(summary)))
+    here = {split_topic(topic.topic)[0] or "reference" for topic in summary.topics}
     for name, record in summary.metadata.items():
-        if name.startswith("source/"):
-            lines.append(_pair(name.removeprefix("source/"), _source_text(record)))
+        source = name.removeprefix("source/")
+        if name.startswith("source/") and source in here:
+            lines.append(_pair(source, _source_text(record)))
     if summary.motion:
         lines.append(_pair("motion", _motion_text(summary.motion)))
     if summary.attacks:

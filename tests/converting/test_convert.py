@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -152,6 +153,17 @@ def test_a_log_is_never_written_to(install: Any, log: Path, tmp_path: Path) -> N
             convert(log if out == log else tmp_path, out)
     with pytest.raises(ConversionError, match="cannot be read"):
         convert(tmp_path / "missing", tmp_path / "out.mcap")
+
+
+def test_a_file_may_have_any_name(install: Any, tmp_path: Path) -> None:
+    install("fake", [rows(1)])
+    log = tmp_path / os.fsdecode(b"\xff\x1b[2J\n.log")
+    log.write_text("x")
+    convert(log, tmp_path / "out.mcap")
+    assert read(tmp_path / "out.mcap").metadata["origin"]["file"] == "\\udcff\x1b[2J\n.log"
+    (tmp_path / "folder").mkdir()
+    log.rename(tmp_path / "folder" / log.name)
+    convert(tmp_path / "folder", tmp_path / "out.mcap")
 
 
 def test_a_folder_is_digested_by_its_files(install: Any, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict
@@ -182,13 +183,14 @@ class _Run:
             if name:
                 primary.setdefault(kind, name)
         facts = self._facts
-        return {
+        records: _Metadata = {
             **facts,
             "origin": dict(origin),
             "ledger": self.ledger.as_metadata(),
             "recording": {"session_id": origin["sha256"][:16], **facts.get("recording", {}), "schema_version": SCHEMA_VERSION},
             "primary": {**primary, **facts.get("primary", {})},
         }
+        return {name: {key: _encodable(text) for key, text in record.items()} for name, record in records.items()}
 
 
 def _items(plugin: Plugin, converter: Converter, log: Source, options: Any) -> Iterator[Item]:
@@ -235,8 +237,13 @@ def _digest(source: Path) -> tuple[int, str]:
     for path in sorted(path for path in source.rglob("*") if path.is_file()):
         size, sha256 = _digest(path)
         total += size
-        lines.append(f"{sha256}  {size}  {path.relative_to(source).as_posix()}\n")
-    return total, hashlib.sha256("".join(lines).encode()).hexdigest()
+        lines.append(os.fsencode(f"{sha256}  {size}  {path.relative_to(source).as_posix()}\n"))
+    return total, hashlib.sha256(b"".join(lines)).hexdigest()
+
+
+def _encodable(text: str) -> str:
+    """Return text with the bytes of a file's name that are no UTF-8 spelled out."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _why(ledger: Ledger) -> str:
