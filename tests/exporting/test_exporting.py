@@ -196,15 +196,12 @@ def test_topics_of_strange_names_stay_in_the_folder(tmp_path: Path) -> None:
 
 
 def test_a_mapping_is_a_matter_of_the_converter_that_knows_it(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def load_mapping(name: str) -> list[str]:
-        if name != "known":
-            raise ConversionError(f"there is no mapping {name!r}")
-        return [name]
-
-    def write_text(recording: Recording, mapping: list[str], out: Path) -> None:
+    def write_text(recording: Recording, mapping: str, out: Path) -> None:
+        if mapping != "known":
+            raise ConversionError(f"there is no mapping {mapping!r}")
         out.write_text(f"{mapping} {len(recording)}")
 
-    def fail(recording: Recording, mapping: list[str], out: Path) -> None:
+    def fail(recording: Recording, mapping: str, out: Path) -> None:
         out.write_text("half")
         raise ZeroDivisionError
 
@@ -212,12 +209,12 @@ def test_a_mapping_is_a_matter_of_the_converter_that_knows_it(file: Path, tmp_pa
         found = {name: SimpleNamespace(name=name, load=lambda converter=converter: converter) for name, converter in converters.items()}
         monkeypatch.setattr(plugins, "found", lambda group: found)
 
-    install(plain=SimpleNamespace(), tables=SimpleNamespace(load_mapping=load_mapping, export=write_text))
+    install(plain=SimpleNamespace(), tables=SimpleNamespace(export=write_text))
     export_by_mapping(file, tmp_path / "out.csv", "known")
-    assert (tmp_path / "out.csv").read_text().startswith("['known'] ")
+    assert (tmp_path / "out.csv").read_text().startswith("known ")
     with pytest.raises(ConversionError, match="there is no mapping 'unknown'"):
         export_by_mapping(file, tmp_path / "other.csv", "unknown")
-    install(tables=SimpleNamespace(load_mapping=load_mapping, export=fail))
+    install(tables=SimpleNamespace(export=fail))
     with pytest.raises(PluginError, match="ZeroDivisionError"):
         export_by_mapping(file, tmp_path / "other.csv", "known")
     install(plain=SimpleNamespace())

@@ -98,18 +98,15 @@ class Converter(Protocol):
 class Exporting(Protocol):
     """What a converter can do besides: write a recording the way that a mapping describes its tables."""
 
-    def load_mapping(self, path_or_name: str) -> Any:
-        """Return a mapping by its path or name.
+    def export(self, recording: Recording, mapping: str, out: Path) -> tuple[Path, ...]:
+        """Write the table, or the folder of tables, from which the mapping would give these rows; return the files.
+
+        Args:
+            recording: what to write.
+            mapping: path of a mapping, or the name of a ready one.
+            out: what to write to.
 
         Raises:
-            ConversionError: there is none, or it does not say what it must.
-        """
-        ...
-
-    def export(self, recording: Recording, mapping: Any, out: Path) -> Any:
-        """Write the table, or the folder of tables, from which the mapping would give these rows.
-
-        Raises:
-            ConversionError: the recording has not what the mapping names.
+            ConversionError: there is no such mapping, or the recording has not what it names.
         """
         ...

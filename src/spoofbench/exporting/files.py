@@ -70,7 +70,7 @@ def export_by_mapping(file: Path, out: Path, mapping: str) -> None:
         raise PluginError("no converter that is installed can export by a mapping")
     try:
         with _whole(out) as path:
-            converter.export(recording, converter.load_mapping(mapping), path)
+            converter.export(recording, mapping, path)
     except SpoofbenchError:
         raise
     except Exception as error:  # a plugin may raise anything
