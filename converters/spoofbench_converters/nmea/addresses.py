@@ -19,6 +19,7 @@ _QUALCOMM = {"PQGSV": "GSV", "PQGSA": "GSA"}  # of BeiDou and QZSS, as the syste
 _STANDARD = frozenset(name for name in READ if len(name) == 3)
 _KEY_BYTES = 8
 _MAX_REASONS = 64
+_MAX_KNOWN = 65_536
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,17 +82,20 @@ class Addresses:
         """Tell apart the sentences that u-blox numbers by their first field."""
         rows = np.flatnonzero(code == CODES["PUBX00"])
         if rows.size:
-            number = sentences.cells(rows, 1)
+            number = sentences.of(rows).cells(1)
             code = code.copy()
             code[rows] = -1
             for digit in "034":
                 named = (number.length == 2) & (number.at(0) == ord("0")) & (number.at(1) == ord(digit))
                 code[rows[named]] = CODES[f"PUBX0{digit}"]
-            reason[rows] = self.reason("NMEA PUBX: vendor's own sentence, not read") if np.any(code[rows] < 0) else -1
+            reason[rows] = self.reason("NMEA PUBX: vendor's own sentence, not read")
         return code, talker, reason
 
     def _learn(self, new: list[int]) -> None:
-        """Take keys not seen before, in the order of appearance."""
+        """Take keys not seen before, in the order of appearance; of too many those that are not read are forgotten."""
+        if self._keys.size > _MAX_KNOWN:
+            kept = self._meanings[:, 0] >= 0
+            self._keys, self._meanings = self._keys[kept], self._meanings[kept]
         meanings = []
         for key in new:
             address = address_of(key.to_bytes(_KEY_BYTES, "big").rstrip(b"\0").decode("latin1"))

@@ -9,7 +9,7 @@ from spoofbench.converting import Columns, Rejects
 from spoofbench.converting.ordering import take
 from spoofbench_converters.nmea import signals, utc
 from spoofbench_converters.nmea.batch import VIEW, Batch
-from spoofbench_converters.nmea.epochs import Before, divide
+from spoofbench_converters.nmea.epochs import Before, Habits, divide
 from spoofbench_converters.nmea.fields import Bools, Ints
 from spoofbench_converters.nmea.sensors import SENSORS, Sensors
 from spoofbench_converters.nmea.solution import ONE_PER_EPOCH, Solution
@@ -18,6 +18,7 @@ from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS, Epochs, Row
 _NEAR_NS = 10 * utc.SECOND_NS  # a time of its own further from that of the epoch is not believed
 _OF_SOLUTION = (*ONE_PER_EPOCH, "GSA", "GRS")
 _WGS84 = int.from_bytes(b"W84", "big")
+_MAX_DATUMS = 8
 _AGAIN = "the same epoch again"
 
 
@@ -57,7 +58,7 @@ class Assembly:
         for number in range(int(receiver.max(initial=-1)) + 1):
             own = np.flatnonzero(receiver == number)
             if own.size:
-                opens = starts[own] if number == 0 else divide(take(batch.frames, own), epoch[own], Before(), False).starts
+                opens = starts[own] if number == 0 else divide(take(batch.frames, own), epoch[own], Before(), Habits()).starts
                 rows += self._receiver(number, _Own(batch, own, epoch, opens), times, lost, talkers)
                 self._note(f"gnss{number}", batch, own, talkers)
         rows += self._sensor_rows(batch, epoch, times, talkers, lost)
@@ -88,7 +89,10 @@ class Assembly:
         if number == 0:
             times.claimed_ns[at], times.period_ns[at] = claimed_ns, period_ns
         offset = times.offsets(at, claimed_ns, own.frames["receive_time_ns"][own.opening])
-        known = np.unique(np.concatenate([own.tables[name]["epoch"] for name in _OF_SOLUTION if name in own.tables] or [own.local[:0]]))
+        told = np.zeros(own.opening.size, bool)
+        for name in _OF_SOLUTION:
+            told[own.tables[name]["epoch"] if name in own.tables else []] = True
+        known = np.flatnonzero(told)
         source = f"gnss{number}"
         if known.size:
             yield Rows(source, "gnss/pvt", at[known], signals.taken(solution.rows(), known), offset[known])
@@ -96,7 +100,8 @@ class Assembly:
             view, doubled = signals.without_doubles(own.tables[VIEW])
             if doubled.size:
                 lost.setdefault(f"NMEA GSV: {_AGAIN}", []).append(doubled)
-            yield Rows(source, "gnss/signal", at[view["epoch"]], signals.rows(view, own.tables), offset[view["epoch"]])
+            if view["epoch"].size:
+                yield Rows(source, "gnss/signal", at[view["epoch"]], signals.rows(view, own.tables), offset[view["epoch"]])
         if "PUBX04" in own.tables:
             clock = own.tables["PUBX04"]
             columns = {name: clock[name] for name in ("bias_s", "drift_sps")}
@@ -112,7 +117,8 @@ class Assembly:
             useful[found.frame] = True
             at, received = epoch[found.frame], frames["receive_time_ns"][found.frame]
             offset = times.offsets(at, frames["tod_ns"][found.frame], received)
-            rows.append(Rows(found.source, found.kind, at, found.columns, offset, receive_time_ns=received))
+            if found.frame.size:
+                rows.append(Rows(found.source, found.kind, at, found.columns, offset, receive_time_ns=received))
         for name in SENSORS:
             if name in batch.tables:
                 places = batch.tables[name]["frame"]
@@ -123,15 +129,17 @@ class Assembly:
     def _note(self, source: str, batch: Batch, own: Ints, talkers: Sequence[str]) -> None:
         """Note the talkers and the datums of a receiver."""
         known = self._talkers.setdefault(source, [])
-        present, first = np.unique(batch.frames["talker"][own], return_index=True)
-        known += [talkers[place] for place in present[np.argsort(first)].tolist() if talkers[place] not in known]
+        talker = batch.frames["talker"][own]
+        present = np.flatnonzero(np.bincount(talker)).tolist()
+        new = [place for place in present if talkers[place] not in known]
+        known += [talkers[place] for place in sorted(new, key=lambda place: int(np.argmax(talker == place)))]
         if "DTM" in batch.tables:
             datum = batch.tables["DTM"]
             for value in np.unique(datum["datum"][np.isin(datum["frame"], own)]).tolist():
                 text = value.to_bytes(3, "big").strip(b"\0").decode("ascii", "replace")
-                names = self._datums.setdefault(source, [])
-                if value and value != _WGS84 and text not in names and len(names) < 8:
-                    names.append(text)
+                if value and value != _WGS84:
+                    names = self._datums.setdefault(source, [])
+                    names += [text] if text not in names and len(names) < _MAX_DATUMS else []
 
 
 class _Own:
@@ -151,10 +159,10 @@ class _Own:
         of_frame[places] = self.local
         self.tables: dict[str, Columns] = {}
         for name, table in batch.tables.items():
-            rows = np.flatnonzero(mine[table["frame"]])
-            if rows.size:
-                self.tables[name] = take(table, rows)
-                self.tables[name]["epoch"] = of_frame[self.tables[name]["frame"]]
+            rows = mine[table["frame"]]
+            if rows.any():
+                kept = table if rows.all() else take(table, rows)
+                self.tables[name] = {**kept, "epoch": of_frame[kept["frame"]]}
 
     def drop_repetitions(self, combined: int) -> Iterator[tuple[str, Ints]]:
         """Leave one sentence of a type per epoch, that of the ``combined`` talker or else the first; yield the places of the others."""

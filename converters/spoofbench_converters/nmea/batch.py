@@ -56,6 +56,18 @@ class Batch:
                 tables[name]["frame"] = place[tables[name]["frame"]]
         return Batch(take(self.frames, kept), tables)
 
+    def split(self, place: int) -> tuple["Batch", "Batch"]:
+        """Return the sentences before a place, and the others."""
+        head, tail = {}, {}
+        for name, table in self.tables.items():
+            row = int(np.searchsorted(table["frame"], place))
+            if row:
+                head[name] = take(table, slice(0, row))
+            if row < table["frame"].size:
+                tail[name] = take(table, slice(row, None))
+                tail[name]["frame"] = tail[name]["frame"] - place
+        return Batch(take(self.frames, slice(0, place)), head), Batch(take(self.frames, slice(place, None)), tail)
+
     def then(self, later: "Batch") -> "Batch":
         """Return these sentences and later ones."""
         if not self.size:
@@ -95,7 +107,7 @@ def read_frames(frames: Frames, addresses: Addresses, source: str | None) -> tup
     kept = code >= 0
     for present in np.unique(code[kept]).tolist():
         rows = np.flatnonzero(code == present)
-        reader = Reader(sentences, rows)
+        reader = Reader(sentences.of(rows))
         for name, table in _tables(READ[present], reader, named[rows]):
             local = table.pop("row")
             whole = np.flatnonzero(reader.readable[local])

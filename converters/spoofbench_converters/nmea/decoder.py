@@ -10,19 +10,19 @@ from typing import Literal
 
 import numpy as np
 
-from spoofbench.converting import Rejects
+from spoofbench.converting import Columns, Rejects
 from spoofbench.converting.ordering import take
 from spoofbench_converters.nmea import receivers
-from spoofbench_converters.nmea.addresses import CODES, Addresses
+from spoofbench_converters.nmea.addresses import READ, Addresses
 from spoofbench_converters.nmea.assembly import Assembly
 from spoofbench_converters.nmea.batch import Batch, read_frames
-from spoofbench_converters.nmea.epochs import Before, divide_within_bounds
+from spoofbench_converters.nmea.epochs import Before, Habits, divide_within_bounds
 from spoofbench_converters.nmea.fields import Bools, Ints
 from spoofbench_converters.nmea.options import DecoderOptions
 from spoofbench_converters.nmea.sensors import SENSORS
 from spoofbench_converters.stream.contract import Epochs, Frames
 
-_OF_SENSORS = tuple(CODES[name] for name in SENSORS)
+_OF_SENSORS = np.isin(READ, list(SENSORS))
 
 
 class NmeaDecoder:
@@ -36,7 +36,7 @@ class NmeaDecoder:
         self._held: Batch | None = None
         self._before = Before()
         self._receivers: dict[str, int] | None = None  # decided on the first sentences
-        self._gsv_first: bool | None = None  # decided on the first sentence of the first receiver
+        self._habits = Habits()
         self._without_receiver = False
         self._assembly = Assembly()
 
@@ -64,7 +64,7 @@ class NmeaDecoder:
             return
         receiver = self._receiver_of(held)
         first = np.flatnonzero(receiver == 0)
-        division = divide_within_bounds(take(held.frames, first), self._before, bool(self._gsv_first))
+        division = divide_within_bounds(take(held.frames, first), self._before, self._habits)
         starts = np.zeros(held.size, bool)
         starts[first[division.starts]] = True
         end = held.size if last or not first.size else int(first[division.starts][-1])
@@ -73,23 +73,21 @@ class NmeaDecoder:
         starts[:1] = True
         if end:
             self._before = division.before(int(np.searchsorted(first, end)), self._before)
-            done: Bools = np.arange(held.size) < end
-            self._held = held.take(~done)
-            talkers = self._addresses.talkers
-            yield from self._assembly.epochs(held.take(done), starts[done], receiver[done], talkers)
+            done, self._held = held.split(end)
+            yield from self._assembly.epochs(done, starts[:end], receiver[:end], self._addresses.talkers)
 
     def _receiver_of(self, held: Batch) -> Ints:
         """The receiver of each sentence, -1 for those of sensors."""
         talkers = self._addresses.talkers
-        is_sensor = np.isin(held.frames["code"], _OF_SENSORS)
+        is_sensor = _OF_SENSORS[held.frames["code"]]
         if self._receivers is None:
             judged = take(held.frames, slice(0, receivers.JUDGED))
             self._receivers = receivers.tell_apart(judged, talkers)
             self._without_receiver = bool(is_sensor[: receivers.JUDGED].all())
-        known = self._receivers
-        by_talker = np.array([receivers.receiver_of(talker, known) for talker in talkers] or [0])
-        receiver = np.where(is_sensor, -1, by_talker[held.frames["talker"]])
-        if self._gsv_first is None and np.any(receiver == 0):
-            opening = int(np.argmax(receiver == 0))
-            self._gsv_first = bool(held.frames["code"][opening] == CODES["GSV"] and held.frames["message"][opening] <= 1)
-        return receiver
+            self._habits = Habits.of(take(judged, self._number(judged, is_sensor[: receivers.JUDGED]) == 0))
+        return self._number(held.frames, is_sensor)
+
+    def _number(self, frames: Columns, is_sensor: Bools) -> Ints:
+        known = self._receivers or {}
+        by_talker = np.array([receivers.receiver_of(talker, known) for talker in self._addresses.talkers])
+        return np.where(is_sensor, -1, by_talker[frames["talker"]])

@@ -1,9 +1,10 @@
 """Which sentences belong to one epoch of a receiver.
 
 Sentences with a time open an epoch when their time differs from the one before, or when a position sentence or a
-ZDA of the epoch comes again (a clock that stands still, or no time at all). A time without decimals is the
-same as one with decimals in its second, and a ZDA up to 0.1 s after a fix is of that fix, for some receivers give
-it the time of sending. The very same position sentence right after itself is a repetition and opens nothing.
+ZDA of the epoch comes again with other content (a clock that stands still, or no time at all). The same sentence
+again is a repetition and opens nothing, unless the clock is known to stand while the position moves. A time without
+decimals is the same as one with decimals in its second; a ZDA up to 0.1 s after a fix is of that fix, and one without
+decimals up to 1 s before a fix is of the next, for some receivers give it the time of sending.
 
 Sentences without a time between two epochs belong to the first of them, but for those from the first GSV on where
 the log puts GSV first in its bursts. That is so, in this order: where the recorder's stamps leave their longest
@@ -11,24 +12,50 @@ gap there; not if a GSA stands right before the GSV; if a GSA or VTG follows it;
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from spoofbench.converting import Columns
 from spoofbench.converting.ordering import take
-from spoofbench_converters.nmea.addresses import CODES
+from spoofbench_converters.nmea.addresses import CODES, READ
 from spoofbench_converters.nmea.fields import Bools, Ints
+from spoofbench_converters.nmea.utc import SECOND_NS, nearest_turn
 from spoofbench_converters.stream.contract import ABSENT_NS
 
 MAX_SENTENCES = 8_192  # of one epoch: more make epochs without a time
 
-_SECOND_NS = 1_000_000_000
 _SENDING_NS = 100_000_000
+_STANDS = 3  # moves without a tick that tell of a clock that stands
 _CLEAR_GAP = 2  # a gap this many times the next longest one separates bursts
-_REPEATING = tuple(CODES[name] for name in ("GGA", "RMC", "GLL", "GNS", "ZDA", "PUBX00"))
-_CLOCKS = tuple(CODES[name] for name in ("ZDA", "PUBX04"))
+_REPEATING = np.isin(READ, ("GGA", "RMC", "GLL", "GNS", "ZDA", "PUBX00"))
+_CLOCKS = np.isin(READ, ("ZDA", "PUBX04"))
 _PARTS = ("starts", "repeated", "tod_ns", "fine")
 _GSV, _GSA, _VTG = CODES["GSV"], CODES["GSA"], CODES["VTG"]
+
+
+@dataclass(frozen=True, slots=True)
+class Habits:
+    """What the start of a log tells of a receiver.
+
+    Attributes:
+        gsv_first: the log began with a GSV sentence.
+        clock_stands: positions change while the time does not.
+    """
+
+    gsv_first: bool = False
+    clock_stands: bool = False
+
+    @classmethod
+    def of(cls, frames: Columns) -> Self:
+        """Judge by a receiver's first sentences."""
+        if not frames["code"].size:
+            return cls()
+        repeating = np.flatnonzero(_REPEATING[frames["code"]])
+        later, earlier = _again(frames, repeating, np.zeros(frames["code"].size, np.int64))
+        timed = (frames["tod_ns"][later] == frames["tod_ns"][earlier]) & (frames["tod_ns"][later] != ABSENT_NS)
+        moved = timed & (np.abs(frames["lat_deg"][later] - frames["lat_deg"][earlier]) > 0)
+        return cls(bool(frames["code"][0] == _GSV and frames["message"][0] <= 1), int(moved.sum()) >= _STANDS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +92,14 @@ class Division:
         )
 
 
-def divide(frames: Columns, segment: Ints, before: Before, gsv_first: bool) -> Division:
+def divide(frames: Columns, segment: Ints, before: Before, habits: Habits) -> Division:
     """Divide a receiver's sentences, in file order; no epoch goes across the border of two segments.
 
     Args:
         frames: columns of :class:`spoofbench_converters.nmea.batch.Batch`.
         segment: int64 ``(n,)``, not decreasing.
         before: what came before the first of them.
-        gsv_first: the log began with a GSV sentence.
+        habits: of the receiver.
     """
     n = segment.size
     tod_ns, fine = _comparable(frames, before)
@@ -81,24 +108,24 @@ def divide(frames: Columns, segment: Ints, before: Before, gsv_first: bool) -> D
     if timed.size:
         new_segment = np.append(segment[timed[0]] != segment[0], segment[timed[1:]] != segment[timed[:-1]])
         opens[timed] = (tod_ns[timed] != np.append(before.tod_ns, tod_ns[timed[:-1]])) | new_segment
-    repeating = np.flatnonzero(np.isin(frames["code"], _REPEATING))
+    repeating = np.flatnonzero(_REPEATING[frames["code"]])
     border = np.append(np.ones(min(n, 1), bool), segment[1:] != segment[:-1])
-    repeated = _repeated(frames, repeating, segment)
+    repeated = _repeated(frames, repeating, segment, habits.clock_stands)
     _open_at_repetition(frames, repeating[~repeated[repeating]], np.cumsum(opens | border), opens)
-    anchors = np.flatnonzero((tod_ns != ABSENT_NS) | np.isin(frames["code"], _REPEATING))
-    starts = _with_what_leads(frames, np.flatnonzero(opens), anchors, border, gsv_first)
+    anchors = np.flatnonzero((tod_ns != ABSENT_NS) | _REPEATING[frames["code"]])
+    starts = _with_what_leads(frames, np.flatnonzero(opens), anchors, border, habits.gsv_first)
     return Division(starts | border, repeated, tod_ns, fine)
 
 
-def divide_within_bounds(frames: Columns, before: Before, gsv_first: bool) -> Division:
+def divide_within_bounds(frames: Columns, before: Before, habits: Habits) -> Division:
     """Divide as :func:`divide` does, of one segment; an epoch that grows beyond ``MAX_SENTENCES`` ends there."""
-    whole = divide(frames, np.zeros(frames["code"].size, np.int64), before, gsv_first)
+    whole = divide(frames, np.zeros(frames["code"].size, np.int64), before, habits)
     starts = np.flatnonzero(whole.starts)
     long = np.flatnonzero(np.diff(np.append(starts, frames["code"].size)) > MAX_SENTENCES)
     if not long.size:
         return whole
     cut = int(starts[long[0]]) + MAX_SENTENCES
-    rest = divide_within_bounds(take(frames, slice(cut, None)), whole.before(cut, before), gsv_first)
+    rest = divide_within_bounds(take(frames, slice(cut, None)), whole.before(cut, before), habits)
     parts = zip(*((getattr(part, name) for name in _PARTS) for part in (whole, rest)), strict=True)
     return Division(*(np.concatenate([first[:cut], second]) for first, second in parts))
 
@@ -115,38 +142,55 @@ def _comparable(frames: Columns, before: Before) -> tuple[Ints, Bools]:
         place = np.searchsorted(fine, coarse)
         own = tod_ns[coarse]
         for near in (known[place + 1], known[place]):
-            same = (near != ABSENT_NS) & (near // _SECOND_NS == own // _SECOND_NS)
+            same = (near != ABSENT_NS) & (near // SECOND_NS == own // SECOND_NS)
             tod_ns[coarse] = np.where(same, near, tod_ns[coarse])
     if timed.size:
         last = np.append(before.tod_ns, tod_ns[timed[:-1]])
-        late = tod_ns[timed] - np.where(last == ABSENT_NS, tod_ns[timed], last)
-        sent_late = np.isin(frames["code"][timed], _CLOCKS) & (late > 0) & (late < _SENDING_NS)
+        following = np.append(tod_ns[timed[1:]], ABSENT_NS)
+        is_clock = _CLOCKS[frames["code"][timed]]
+        late, early = _lag(tod_ns[timed], last), _lag(following, tod_ns[timed])
+        sent_late = is_clock & (late > 0) & (late < _SENDING_NS)
+        ahead = is_clock & ~is_fine[timed] & (late != 0) & (early > 0) & (early <= SECOND_NS) & ~np.append(is_clock[1:], True)
         tod_ns[timed[sent_late]] = last[sent_late]
+        tod_ns[timed[ahead]] = following[ahead]
     return tod_ns, is_fine
 
 
-def _repeated(frames: Columns, repeating: Ints, segment: Ints) -> Bools:
-    """Which sentences say just what the position sentence before them said."""
+def _lag(time_ns: Ints, since_ns: Ints) -> Ints:
+    """How much later times of day are than others, to within half a day; -1 where either is absent."""
+    known = (time_ns != ABSENT_NS) & (since_ns != ABSENT_NS)
+    return np.where(known, nearest_turn(np.where(known, time_ns, 0) - np.where(known, since_ns, 0)), -1)
+
+
+def _repeated(frames: Columns, repeating: Ints, segment: Ints, clock_stands: bool) -> Bools:
+    """Which sentences say again what the last one of their type and talker said; with a clock that stands, right after it."""
     repeated = np.zeros(frames["code"].size, bool)
-    if repeating.size > 1:
-        same = (frames["tod_ns"][repeating[1:]] != ABSENT_NS) & (segment[repeating[1:]] == segment[repeating[:-1]])
-        for name in ("code", "talker", "tod_ns", "lat_deg", "lon_deg"):
-            values = frames[name][repeating]
-            same &= (values[1:] == values[:-1]) | ((values[1:] != values[1:]) & (values[:-1] != values[:-1]))
-        repeated[repeating[1:]] = same
+    later, earlier = _again(frames, repeating, segment)
+    same = frames["tod_ns"][later] != ABSENT_NS
+    for name in ("tod_ns", "lat_deg", "lon_deg"):
+        values = frames[name]
+        same &= (values[later] == values[earlier]) | ((values[later] != values[later]) & (values[earlier] != values[earlier]))
+    if clock_stands:
+        same &= np.searchsorted(repeating, later) - np.searchsorted(repeating, earlier) == 1
+    repeated[later[same]] = True
     return repeated
+
+
+def _again(frames: Columns, repeating: Ints, run: Ints) -> tuple[Ints, Ints]:
+    """Sentences of whose type and talker there was one before in their run, in file order, and those before them."""
+    identity = frames["talker"][repeating] * len(CODES) + frames["code"][repeating]
+    order = np.lexsort((repeating, identity, run[repeating]))
+    ordered, key = repeating[order], identity[order]
+    again = np.flatnonzero((key[1:] == key[:-1]) & (run[ordered][1:] == run[ordered][:-1]))
+    by_place = np.argsort(ordered[again + 1])
+    return ordered[again + 1][by_place], ordered[again][by_place]
 
 
 def _open_at_repetition(frames: Columns, repeating: Ints, run: Ints, opens: Bools) -> None:
     """Open an epoch where a sentence of the epoch comes again within a run of one time."""
-    identity = frames["talker"][repeating] * len(CODES) + frames["code"][repeating]
-    order = np.lexsort((repeating, identity, run[repeating]))
-    ordered = repeating[order]
-    again = np.flatnonzero((identity[order][1:] == identity[order][:-1]) & (run[ordered][1:] == run[ordered][:-1]))
-    candidates = ordered[again + 1]
-    by_place = np.argsort(candidates)
+    later, earlier = _again(frames, repeating, run)
     start = -1
-    for place, last in zip(candidates[by_place].tolist(), ordered[again][by_place].tolist(), strict=True):
+    for place, last in zip(later.tolist(), earlier.tolist(), strict=True):
         if last >= start:
             opens[place] = True
             start = place

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from spoofbench_converters.stream.contract import Frames
 
 MAX_FIELD = 24  # characters; the longest that a receiver writes is a longitude of 14
+_SMALL = 4  # digits, so that values fit 16 bits
 _EXACT_DIGITS = 15  # below 2^53, so that one division rounds once
 _DOT, _MINUS, _PLUS = (ord(sign) - ord("0") & 0xFF for sign in ".-+")
 _POWERS = 10 ** np.arange(19, dtype=np.int64)
@@ -37,8 +38,9 @@ class Cells:
         """The character at a place of each, 0 beyond its end; uint8 ``(n,)``."""
         if not self.octets.size:
             return np.zeros(self.begin.size, np.uint8)
-        found = self.octets[np.minimum(self.begin + place, self.octets.size - 1)]
-        return np.where(self.length > place, found, 0).astype(np.uint8)
+        found = self.octets.take(self.begin + place, mode="clip")
+        found[self.length <= place] = 0
+        return found
 
     def texts(self) -> list[str]:
         """Return the fields as text; a loop, for the few that are names."""
@@ -69,16 +71,42 @@ class Sentences:
         """The address of each frame, such as ``GPGGA``."""
         return self._between(self.starts + 1, np.minimum(self._commas[self._first], self.body_end))
 
-    def cells(self, rows: Ints, number: int | Ints) -> Cells:
-        """Field ``number`` of these frames, the first after the address being 1; one for all, or one for each."""
-        first, fields = self._first[rows], self.fields[rows]
-        last = self._commas.size - 1
-        begin = self._commas[np.minimum(first + number - 1, last)] + 1
-        end = np.where(number < fields, self._commas[np.minimum(first + number, last)], self.body_end[rows])
-        return self._between(np.where(number <= fields, begin, end), end)
+    def of(self, rows: Ints) -> "Fields":
+        """The fields of these frames."""
+        return Fields(self._octets, self._commas, self._first[rows], self.fields[rows], self.body_end[rows])
 
     def _between(self, begin: Ints, end: Ints) -> Cells:
         return Cells(self._octets, begin, np.maximum(end - begin, 0))
+
+
+class Fields:
+    """The fields of sentences of one type; the first after the address is 1."""
+
+    _KEPT = 24  # ends of fields that are remembered, for the next field begins there
+
+    def __init__(self, octets: NDArray[np.uint8], commas: Ints, first: Ints, count: Ints, body_end: Ints) -> None:
+        self.count = count
+        self._octets, self._commas, self._first, self._body_end = octets, commas, first, body_end
+        self._least = int(count.min(initial=MAX_FIELD))
+        self._ends: dict[int, Ints] = {}
+
+    def cells(self, number: int) -> Cells:
+        """One field of every sentence."""
+        begin, end = self._end(number - 1) + 1, self._end(number)
+        return Cells(self._octets, begin, np.maximum(end - begin, 0))
+
+    def _end(self, number: int) -> Ints:
+        """Where a field ends."""
+        if number not in self._ends:
+            if number < self._least:
+                end = self._commas.take(self._first + number, mode="clip")
+            else:
+                comma = self._commas.take(self._first + number, mode="clip")
+                end = np.where(number < self.count, comma, self._body_end)
+            if number >= self._KEPT:
+                return end
+            self._ends[number] = end
+        return self._ends[number]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,31 +120,53 @@ class Decimals:
 
     def floats(self) -> NDArray[np.float64]:
         """The values, float64 ``(n,)``, NaN where absent or not readable."""
-        values = self.mantissa / _POWERS[self.places]
-        return np.where(self.present & self.readable, values, np.nan)
+        values = self.mantissa / _POWERS[self.places] if self.places.any() else self.mantissa.astype(np.float64)
+        values[~(self.present & self.readable)] = np.nan
+        return values
 
 
 def decimals(cells: Cells) -> Decimals:
     """Read fixed-point numbers: an optional sign, digits, and a point before, among or after them."""
+    small = _small_integers(cells)
+    if small is not None:
+        return small
     n = cells.begin.size
-    mantissa, places, readable = np.zeros(n, np.int64), np.zeros(n, np.int64), cells.length == 0
-    for length in np.unique(cells.length).tolist():
+    mantissa, places, present = np.zeros(n, np.int64), np.zeros(n, np.int64), cells.length > 0
+    readable = ~present
+    for length in np.flatnonzero(np.bincount(np.minimum(cells.length, MAX_FIELD + 1), minlength=1)).tolist():
         if 0 < length <= MAX_FIELD:
             rows = np.flatnonzero(cells.length == length)
-            digits = sliding_window_view(cells.octets, length)[cells.begin[rows]] - np.uint8(ord("0"))
+            digits = sliding_window_view(cells.octets, length)[cells.begin[rows]]
+            digits -= np.uint8(ord("0"))
             mantissa[rows], places[rows], readable[rows] = _read(digits)
-    return Decimals(mantissa, places, cells.length > 0, readable)
+    return Decimals(mantissa, places, present, readable)
 
 
-def _read(digits: NDArray[np.uint8]) -> tuple[Ints, Ints, Bools]:
+def _small_integers(cells: Cells) -> Decimals | None:
+    """Read integers of up to four digits, which most fields of satellites are; None where any field is something else."""
+    longest = int(cells.length.max(initial=0))
+    if longest > _SMALL or not cells.octets.size:
+        return None
+    value = np.zeros(cells.begin.size, np.uint16)
+    for place in range(longest):
+        there = cells.length > place
+        digit = cells.octets.take(cells.begin + place, mode="clip") - np.uint8(ord("0"))
+        if np.any(there & (digit > 9)):
+            return None
+        value = np.where(there, value * np.uint16(10) + digit, value)
+    return Decimals(value.astype(np.int64), np.zeros(value.size, np.int64), cells.length > 0, np.ones(value.size, bool))
+
+
+def _read(digits: NDArray[np.uint8]) -> tuple[Ints, Ints | int, Bools | bool]:
     """Return mantissas, places and readability of texts of one length, given as characters minus ``0``, ``(k, length)``."""
-    k, length = digits.shape
-    point = np.all(digits == _DOT, axis=0)
-    if point.sum() <= 1 and length - point.sum() in range(1, _EXACT_DIGITS + 1) and bool(np.all((digits < 10) | point)):
-        kept = np.flatnonzero(~point)
-        values = (digits[:, kept].astype(np.float64) @ _POWERS[kept.size - 1 :: -1].astype(np.float64)).astype(np.int64)
-        after = length - 1 - int(np.argmax(point)) if point.any() else 0
-        return values, np.full(k, after), np.ones(k, bool)
+    length = digits.shape[1]
+    point = digits[0] == _DOT
+    count = length - int(point.sum())
+    if length - 1 <= count <= _EXACT_DIGITS and count > 0 and bool(np.all((digits < 10) != point) and np.all(digits[:, point] == _DOT)):
+        weights = np.zeros(length)
+        weights[~point] = _POWERS[count - 1 :: -1]
+        after = length - 1 - int(np.argmax(point)) if count < length else 0
+        return (digits.astype(np.float64) @ weights).astype(np.int64), after, True
     return _read_mixed(digits)
 
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from spoofbench.converting import Columns
 from spoofbench_converters.nmea import utc
-from spoofbench_converters.nmea.fields import Bools, Cells, Ints, Sentences, decimals, one_of
+from spoofbench_converters.nmea.fields import Bools, Cells, Fields, Ints, decimals, one_of
+from spoofbench_converters.stream.contract import ABSENT_NS
 
 KNOT_MPS = 1852 / 3600
 KMH_MPS = 1 / 3.6
@@ -22,25 +23,27 @@ GAUSS_UT = 100.0
 class Reader:
     """Sentences of one type: each method reads one of their fields and notes in ``readable`` where it is not what it should be."""
 
-    def __init__(self, sentences: Sentences, rows: Ints) -> None:
-        self._sentences, self._rows = sentences, rows
-        self.fields = sentences.fields[rows]
-        self.readable: Bools = np.ones(rows.size, bool)
+    def __init__(self, fields: Fields) -> None:
+        self._fields = fields
+        self.count = fields.count
+        self.readable: Bools = np.ones(fields.count.size, bool)
 
-    def cells(self, field: int) -> Cells:
-        """The field as it stands."""
-        return self._sentences.cells(self._rows, field)
+    def cells(self, field: int, where: Bools | None = None) -> Cells:
+        """The field as it stands; absent where it is not asked for."""
+        cells = self._fields.cells(field)
+        return cells if where is None else Cells(cells.octets, cells.begin, np.where(where, cells.length, 0))
 
-    def cells_at(self, field: Ints) -> Cells:
-        """Fields whose place differs by sentence, absent where it is 0."""
-        cells = self._sentences.cells(self._rows, field)
-        return Cells(cells.octets, cells.begin, np.where(field > 0, cells.length, 0))
-
-    def number(self, field: int) -> NDArray[np.float64]:
+    def number(self, field: int, where: Bools | None = None) -> NDArray[np.float64]:
         """Values, NaN where absent."""
-        read = decimals(self.cells(field))
+        read = decimals(self.cells(field, where))
         self.readable &= read.readable
         return read.floats()
+
+    def whole(self, field: int, where: Bools | None = None) -> Ints:
+        """Counts and numbers of things, -1 where absent."""
+        read = decimals(self.cells(field, where))
+        self.readable &= read.readable & (read.places == 0) & (read.mantissa >= 0) & (read.mantissa < 10_000)
+        return np.where(read.present & self.readable, read.mantissa, -1)
 
     def graded(self, name: str, field: int, unit: float = 1.0) -> Columns:
         """Values times a unit, and the step that the text resolves."""
@@ -95,8 +98,8 @@ def gga(read: Reader) -> Columns:
     return {
         **read.time(1),
         **read.position(2),
-        "quality": read.number(6),
-        "num_sv": read.number(7),
+        "quality": read.whole(6),
+        "num_sv": read.whole(7),
         "hdop": read.number(8),
         **read.graded("height_msl_m", 9),
         **read.graded("separation_m", 11),
@@ -136,7 +139,7 @@ def gns(read: Reader) -> Columns:
         **read.time(1),
         **read.position(2),
         "mode": mode,
-        "num_sv": read.number(7),
+        "num_sv": read.whole(7),
         "hdop": read.number(8),
         **read.graded("height_msl_m", 9),
         **read.graded("separation_m", 10),
@@ -152,11 +155,11 @@ _RANK[np.frombuffer(_BEST.encode(), np.uint8)] = np.arange(len(_BEST))
 def zda(read: Reader) -> Columns:
     """Time and date."""
     columns = read.time(1)
-    day, month, year = (read.number(field) for field in (2, 3, 4))
-    given = ~(np.isnan(day) | np.isnan(month) | np.isnan(year))
-    value, possible = utc.day_of(*(np.where(given, part, 0).astype(np.int64) for part in (day, month, year)))
-    read.readable &= ~given | possible | (day == 0)
-    return {**columns, "date_ns": np.where(given & possible, value, utc.ABSENT_NS)}
+    day, month, year = (read.whole(field) for field in (2, 3, 4))
+    given = (day > 0) & (month >= 0) & (year >= 0)
+    value, possible = utc.day_of(day, month, year)
+    read.readable &= ~given | possible
+    return {**columns, "date_ns": np.where(given & possible, value, ABSENT_NS)}
 
 
 def gst(read: Reader) -> Columns:
@@ -208,7 +211,7 @@ def pubx00(read: Reader) -> Columns:
         "diff_age_s": read.number(14),
         "hdop": read.number(15),
         "vdop": read.number(16),
-        "num_sv": read.number(18),
+        "num_sv": read.whole(18),
     }
 
 
@@ -219,7 +222,7 @@ def pubx04(read: Reader) -> Columns:
     for place in range(1, 4):
         default |= leap.at(place) == ord("D")
     date_ns = read.date(3)
-    columns = {**read.time(2), "date_ns": np.where(default, utc.ABSENT_NS, date_ns)}
+    columns = {**read.time(2), "date_ns": np.where(default, ABSENT_NS, date_ns)}
     return {**columns, "bias_s": read.number(7) / 1e9, "drift_sps": read.number(8) / 1e9}
 
 

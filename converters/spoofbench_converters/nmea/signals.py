@@ -66,15 +66,23 @@ def _used(view: Columns, tables: Mapping[str, Columns]) -> Ints:
     used[_said(view, sentences, np.ones(sentences["epoch"].size, bool))] = 0
     used[_said(view, sentences, sentences["full"])] = UNKNOWN
     if USE in tables:
-        listed = np.isin(_key(view["epoch"], view), _key(tables[USE]["epoch"], tables[USE]))
+        listed = _among(_key(view["epoch"], view), np.sort(_key(tables[USE]["epoch"], tables[USE])))
         used[listed & (view["svid"] > 0)] = YES
     return used
 
 
 def _said(view: Columns, sentences: Columns, which: Bools) -> Bools:
     """Which satellites these GSA sentences are about; one that names no system is about all."""
-    about = sentences["epoch"][which] * 16 + sentences["covers"][which]
-    return np.asarray(np.isin(view["epoch"] * 16 + view["constellation"], about) | np.isin(view["epoch"] * 16, about))
+    about = np.zeros(16 * (int(max(view["epoch"].max(initial=0), sentences["epoch"].max(initial=0))) + 1), bool)
+    about[sentences["epoch"][which] * 16 + sentences["covers"][which]] = True
+    return np.asarray(about[view["epoch"] * 16 + view["constellation"]] | about[view["epoch"] * 16])
+
+
+def _among(keys: Ints, known: Ints) -> Bools:
+    """Which keys are among those known, which are sorted."""
+    if not known.size:
+        return np.zeros(keys.size, bool)
+    return np.asarray(known[np.minimum(np.searchsorted(known, keys), known.size - 1)] == keys)
 
 
 def _residuals(view: Columns, tables: Mapping[str, Columns]) -> NDArray[np.float32]:

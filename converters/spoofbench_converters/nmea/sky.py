@@ -4,11 +4,12 @@ Every function returns tables whose ``row`` says which of the sentences each row
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spoofbench.converting import Columns
 from spoofbench.converting.ordering import take
 from spoofbench_converters.nmea import satellites
-from spoofbench_converters.nmea.fields import Ints, decimals, hexadecimal
+from spoofbench_converters.nmea.fields import Ints, hexadecimal
 from spoofbench_converters.nmea.sentences import Reader
 
 GSA_SLOTS = 12
@@ -26,28 +27,33 @@ def gsv(read: Reader, named: Ints) -> tuple[Columns, Columns]:
         By sentence, ``message``, its number among those of one talker and signal; by satellite, ``constellation
         svid signal cn0_dbhz elevation_deg azimuth_deg used``.
     """
-    after = np.maximum(read.fields - 3, 0)
+    after = np.maximum(read.count - 3, 0)
     tail = np.where(after % 4 == 3, 0, after % 4)
-    message = read.number(2)
-    signal_id = np.where(tail > 0, hexadecimal(_at(read, np.where(tail > 0, read.fields - tail + 1, 0))), 0)
-    system = np.where(tail == 2, hexadecimal(_at(read, np.where(tail == 2, read.fields, 0))), 0)
+    room = after - tail
+    message = read.whole(2)
+    signal_id, system = np.zeros(named.size, np.int64), np.zeros(named.size, np.int64)
+    for size in np.unique(room[tail > 0]).tolist():
+        signal_id = np.where((room == size) & (tail > 0), hexadecimal(_letter(read, 4 + size)), signal_id)
+        system = np.where((room == size) & (tail == 2), hexadecimal(_letter(read, 5 + size)), system)
     named = np.where(system > 0, satellites.of_system_id(system), named)
     blocks = []
-    for block in range(min(int(((after + 1) // 4).max(initial=1)), _MAX_BLOCKS)):
-        parts = [_number(read, np.where(block * 4 + place < after - tail, 4 + block * 4 + place, 0)) for place in range(4)]
-        blocks.append(_satellites(parts, named, signal_id, np.full(named.size, UNKNOWN)))
-    return {"message": np.nan_to_num(message).astype(np.int64)}, _flatten(blocks)
+    for first in range(0, max(min(int(room.max(initial=0)), 4 * _MAX_BLOCKS), 1), 4):
+        number = read.whole(4 + first, first < room)
+        parts = [read.number(4 + first + place, first + place < room) for place in (1, 2, 3)]
+        blocks.append(_satellites(number, parts, named, signal_id, np.full(named.size, UNKNOWN)))
+    return {"message": message}, _flatten(blocks)
 
 
 def pubx03(read: Reader, named: Ints) -> tuple[Columns, Columns]:
     """Read u-blox satellite status: number, use, azimuth, elevation, C/N0 and lock time of each; tables as of :func:`gsv`."""
     blocks = []
-    for block in range(min(int(((read.fields - 2) // 6).max(initial=1)), _MAX_BLOCKS)):
-        field = np.where(3 + block * 6 + 5 <= read.fields, 3 + block * 6, 0)
-        number, azimuth, elevation, cn0 = (_number(read, np.where(field > 0, field + place, 0)) for place in (0, 2, 3, 4))
-        status = _at(read, np.where(field > 0, field + 1, 0))
+    for first in range(3, max(min(int(read.count.max(initial=0)), 6 * _MAX_BLOCKS), 4), 6):
+        there = first + 5 <= read.count
+        number = read.whole(first, there)
+        azimuth, elevation, cn0 = (read.number(first + place, there) for place in (2, 3, 4))
+        status = _letter(read, first + 1)
         used = np.where(status == ord("U"), YES, np.where((status == ord("e")) | (status == ord("-")), NO, UNKNOWN))
-        blocks.append(_satellites([number, elevation, azimuth, cn0], named, np.zeros(named.size, np.int64), used))
+        blocks.append(_satellites(number, [elevation, azimuth, cn0], named, np.zeros(named.size, np.int64), used))
     return {"message": np.zeros(named.size, np.int64)}, _flatten(blocks)
 
 
@@ -59,15 +65,14 @@ def gsa(read: Reader, named: Ints) -> tuple[Columns, Columns]:
         sentence is about (0: whichever its numbers say), and ``full``, whether there was no room for more;
         by satellite, ``slot constellation svid``.
     """
-    system = hexadecimal(_at(read, np.where(read.fields >= 18, 18, 0)))
+    system = hexadecimal(_letter(read, 18))
     named = np.where(system > 0, satellites.of_system_id(system), named)
-    columns: Columns = {"dimension": read.number(2)}
+    columns: Columns = {"dimension": read.whole(2)}
     columns |= {name: read.number(15 + place) for place, name in enumerate(("pdop", "hdop", "vdop"))}
     slots = []
     for slot in range(GSA_SLOTS):
-        number = read.number(3 + slot)
-        constellation, svid = satellites.identify(named, np.nan_to_num(number).astype(np.int64))
-        kept = np.flatnonzero(~np.isnan(number) & (svid > 0))
+        constellation, svid = satellites.identify(named, read.whole(3 + slot))
+        kept = np.flatnonzero(svid > 0)
         slots.append(
             take({"row": np.arange(named.size), "slot": np.full(named.size, slot), "constellation": constellation, "svid": svid}, kept)
         )
@@ -82,8 +87,8 @@ def grs(read: Reader, named: Ints) -> tuple[Columns, Columns]:
     Returns:
         By sentence, time of day, ``covers`` as of :func:`gsa` and ``signal``; by satellite, ``slot residual_m``.
     """
-    system = hexadecimal(_at(read, np.where(read.fields >= 15, 15, 0)))
-    signal_id = hexadecimal(_at(read, np.where(read.fields >= 16, 16, 0)))
+    system = hexadecimal(_letter(read, 15))
+    signal_id = hexadecimal(_letter(read, 16))
     named = np.where(system > 0, satellites.of_system_id(system), named)
     columns = {**read.time(1), "covers": named, "signal": satellites.signal_of(named, signal_id)}
     slots = []
@@ -94,10 +99,10 @@ def grs(read: Reader, named: Ints) -> tuple[Columns, Columns]:
     return columns, _flatten(slots)
 
 
-def _satellites(parts: list[Ints], named: Ints, signal_id: Ints, used: Ints) -> Columns:
+def _satellites(number: Ints, parts: list[NDArray[np.float64]], named: Ints, signal_id: Ints, used: Ints) -> Columns:
     """One block of all sentences: those that give anything of a satellite."""
-    number, elevation, azimuth, cn0 = parts
-    constellation, svid = satellites.identify(named, np.nan_to_num(number).astype(np.int64))
+    elevation, azimuth, cn0 = parts
+    constellation, svid = satellites.identify(named, number)
     columns = {
         "row": np.arange(named.size),
         "constellation": constellation,
@@ -108,21 +113,13 @@ def _satellites(parts: list[Ints], named: Ints, signal_id: Ints, used: Ints) -> 
         "azimuth_deg": azimuth,
         "used": used,
     }
-    return take(columns, np.flatnonzero(~np.all(np.isnan(np.stack(parts)), axis=0)))
+    return take(columns, np.flatnonzero((number > 0) | ~np.all(np.isnan(np.stack(parts)), axis=0)))
 
 
-def _number(read: Reader, field: Ints) -> Ints:
-    """Numbers of a field whose place differs by sentence; 0 is no field."""
-    cells = read.cells_at(field)
-    found = decimals(cells)
-    read.readable &= found.readable
-    return found.floats()
-
-
-def _at(read: Reader, field: Ints) -> Ints:
-    """The character of fields of one character whose place differs by sentence, 0 where there is none."""
-    cells = read.cells_at(field)
-    return np.where(cells.length == 1, cells.first(), 0)
+def _letter(read: Reader, field: int) -> NDArray[np.uint8]:
+    """The character of a field of one character, 0 where it is not one."""
+    cells = read.cells(field)
+    return np.where(cells.length == 1, cells.first(), 0).astype(np.uint8)
 
 
 def _flatten(parts: list[Columns]) -> Columns:

@@ -7,6 +7,7 @@ dimension is 3D, one without height 2D.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ _OF_STATUS = {
     "D2": enums.FIX_TYPE_DIFFERENTIAL, "D3": enums.FIX_TYPE_DIFFERENTIAL, "RK": enums.FIX_TYPE_GNSS_DEAD_RECKONING,
     "TT": enums.FIX_TYPE_TIME_ONLY,
 }  # fmt: skip
-_TELLS = {  # later ones have the last word
+_TELLS: Mapping[str, tuple[str, Mapping[int, int] | Mapping[str, int]]] = {  # later ones have the last word
     "VTG": ("mode", _OF_MODE), "GLL": ("mode", _OF_MODE), "RMC": ("mode", _OF_MODE), "GNS": ("mode", _OF_MODE),
     "GGA": ("quality", _OF_QUALITY), "PUBX00": ("nav_status", _OF_STATUS),
 }  # fmt: skip
@@ -71,20 +72,22 @@ class Solution:
         self.invalid: Bools = negative & ~positive
         self._fix = positive
 
-    def rows(self) -> Columns:
+    def rows(self) -> dict[str, NDArray[Any] | Column]:
         """Return the columns of ``gnss/pvt``, ``(count,)``."""
-        columns: Columns = {name: self._finest(name, "lat_deg_step", _POSITIONS) for name in ("lat_deg", "lon_deg")}
+        columns = {name: self._finest(name, "lat_deg_step", _POSITIONS) for name in ("lat_deg", "lon_deg")}
         columns |= {name: self._finest(name, f"{name}_step", sentences) for name, sentences in _GRADED.items()}
         columns |= {name: self._first(name, sentences) for name, sentences in _FIRST.items()}
         separation = self._finest("separation_m", "separation_m_step", ("GGA", "GNS"))
         columns["height_m"] = np.where(np.isnan(columns["height_m"]), _sum(columns["height_msl_m"], separation), columns["height_m"])
         columns |= self._accuracies()
-        satellites = self._first("num_sv", ("GNS", "PUBX00", "GGA"))
-        given = ~np.isnan(satellites)
-        columns["num_sv"] = Column(np.where(given, satellites, 0).astype(np.uint32), given)
+        satellites = self._counted("num_sv", ("GNS", "PUBX00", "GGA"))
         fix_type = self._fix_type(~np.isnan(columns["height_msl_m"]) | ~np.isnan(columns["height_m"]))
-        columns["fix_type"] = Column(fix_type, fix_type != enums.FIX_TYPE_UNSPECIFIED)
-        return columns | self._gps_time()
+        return {
+            **columns,
+            "num_sv": Column(np.maximum(satellites, 0).astype(np.uint32), satellites >= 0),
+            "fix_type": Column(fix_type, fix_type != enums.FIX_TYPE_UNSPECIFIED),
+            **self._gps_time(),
+        }
 
     def claimed(self) -> tuple[Ints, Ints]:
         """Return UTC as claimed and its period, ``(count,)``, as :class:`spoofbench_converters.stream.contract.Epochs` wants them."""
@@ -114,7 +117,7 @@ class Solution:
             dated[epoch] = date_ns + own + utc.nearest_turn(tod_ns[epoch] - own)
         return dated
 
-    def _gps_time(self) -> Columns:
+    def _gps_time(self) -> dict[str, NDArray[Any] | Column]:
         tod_ns = self._time_of_day()
         dated = self._dated(tod_ns)
         complete = dated != ABSENT_NS
@@ -127,7 +130,7 @@ class Solution:
             "time_valid": Column(complete, complete | denied),
         }
 
-    def _accuracies(self) -> Columns:
+    def _accuracies(self) -> dict[str, Floats]:
         """Accuracies as given, else from standard deviations by axis; these are also the diagonal of the covariance."""
         north, east, down = (self._first(name, ("GST", "GBS")) for name in ("sigma_n_m", "sigma_e_m", "sigma_d_m"))
         horizontal, vertical = (self._first(name, ("PUBX00", "PGRME")) for name in ("h_acc_m", "v_acc_m"))
@@ -140,7 +143,7 @@ class Solution:
         }
 
     def _fix_type(self, has_height: Bools) -> NDArray[np.int32]:
-        dimension = self._first("dimension", ("GSA",), checked=False)
+        dimension = self._counted("dimension", ("GSA",))
         plain = np.where(has_height, enums.FIX_TYPE_3D, enums.FIX_TYPE_2D)
         plain = np.where(dimension == 2, enums.FIX_TYPE_2D, np.where(dimension == 3, enums.FIX_TYPE_3D, plain))
         fix = np.where(self._fix, plain, np.where(self.invalid | (dimension == 1), enums.FIX_TYPE_NONE, enums.FIX_TYPE_UNSPECIFIED))
@@ -172,12 +175,21 @@ class Solution:
             best[table["epoch"][better]] = table[step][better]
         return values
 
-    def _first(self, column: str, names: Sequence[str], checked: bool = True) -> Floats:
+    def _counted(self, column: str, names: Sequence[str]) -> Ints:
+        """The first count of each epoch, whatever the fix, -1 where absent."""
+        values = np.full(self.count, -1)
+        for name in self._present(names):
+            table = self._tables[name]
+            rows = np.flatnonzero((table[column] >= 0) & (values[table["epoch"]] < 0))[::-1]  # of several in an epoch the first stays
+            values[table["epoch"][rows]] = table[column][rows]
+        return values
+
+    def _first(self, column: str, names: Sequence[str]) -> Floats:
         values = np.full(self.count, np.nan)
         for name in self._present(names):
             table = self._tables[name]
             given = ~np.isnan(table[column]) & np.isnan(values[table["epoch"]])
-            if checked and column not in _WHATEVER_FIX:
+            if column not in _WHATEVER_FIX:
                 given &= self._usable(name)
             rows = np.flatnonzero(given)[::-1]  # of several in an epoch the first stays
             values[table["epoch"][rows]] = table[column][rows]
@@ -197,13 +209,13 @@ _FIRST = {
     "pdop": ("GSA",),
     "diff_age_s": ("GGA", "GNS", "PUBX00"),
 }
-_WHATEVER_FIX = frozenset(("num_sv", "hdop", "vdop", "pdop"))
+_WHATEVER_FIX = frozenset(("hdop", "vdop", "pdop"))
 
 
 def _status_valid(table: Columns) -> Bools:
     """Whether RMC and GLL are valid: by the status, without one by the mode."""
     by_mode = (table["mode"] != 0) & (table["mode"] != ord("N"))
-    return np.where(table["status"] == 0, by_mode, (table["status"] == ord("A")) & (table["mode"] != ord("N")))
+    return np.asarray(np.where(table["status"] == 0, by_mode, (table["status"] == ord("A")) & (table["mode"] != ord("N"))))
 
 
 _VALID: Mapping[str, Callable[[Columns], Bools]] = {

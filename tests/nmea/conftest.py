@@ -1,18 +1,49 @@
 """Sentences and frames for tests: a slow, plain framer, and checksums."""
 
+import gzip
 import re
+import sys
 from collections.abc import Iterator, Sequence
 from functools import reduce
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
-
-from spoofbench.converting import Rejects
+import pytest
 from spoofbench_converters.nmea.decoder import NmeaDecoder
 from spoofbench_converters.nmea.options import DecoderOptions
 from spoofbench_converters.stream.contract import ABSENT_NS, Epochs, Frames
 
+from spoofbench.converting import Rejects
+
+FOLDER = Path(__file__).parents[2].parent / "shared" / "data" / "nmea_ubx"
 _SENTENCE = re.compile(rb"[$!][^$!\r\n*]{3,200}\*([0-9A-Fa-f]{2})")
+
+
+@pytest.fixture(scope="session")
+def nmea() -> ModuleType:
+    """This module."""
+    return sys.modules[__name__]
+
+
+def real_logs() -> dict[str, Path]:
+    """Real logs with at least one valid sentence, by name; none where they are not beside the project."""
+    paths = sorted(FOLDER.glob("*")) if FOLDER.is_dir() else []
+    logs = [path for path in paths if path.suffix not in (".chk", ".csv", ".pos") and not path.name.endswith(".csv.gz")]
+    return {path.name: path for path in logs if frames(content(path)).starts.size}
+
+
+def content(path: Path) -> bytes:
+    octets = path.read_bytes()
+    return gzip.decompress(octets) if path.suffix == ".gz" else octets
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    if "real_log" in metafunc.fixturenames:
+        logs = real_logs()
+        absent = pytest.param(None, marks=pytest.mark.skip(reason="the real logs are not beside the project"))
+        metafunc.parametrize("real_log", list(logs.values()) or [absent], ids=list(logs) or ["absent"])
 
 
 def checksum(body: str) -> str:
