@@ -95,7 +95,10 @@ class Epochs:
 class Decoder(Protocol):
     """One protocol's decoder at work on one log. Results do not depend on how the log is cut into pieces."""
 
-    protocol: Literal["ubx", "nmea"]
+    @property
+    def protocol(self) -> Literal["ubx", "nmea"]:
+        """Whose frames it takes."""
+        ...
 
     def push(self, frames: Frames) -> Iterator[Epochs | Rejects]:
         """Take the next piece's frames; yield what is complete, and frames that give no rows, with the reason."""
