@@ -57,7 +57,7 @@ def drive(seconds: int = 30, header_off_ns: Mapping[str, int] | None = None, see
         add("/imu/mag", MAG, START_NS + i * 100_000_000, vector("magnetic_field", rng.normal(size=3) * 1e-5))
     for i in range(seconds):
         place = {"latitude": 42 + i * 1e-5, "longitude": -71.0, "altitude": 30.0 + i, "status.status": 0}
-        covariance = {"position_covariance": rng.normal(size=9), "position_covariance_type": i % 4}
+        covariance = {"position_covariance": rng.normal(size=9) + 9 * np.eye(3).reshape(-1), "position_covariance_type": i % 4}
         add("/gps/fix", FIX, START_NS + i * SECOND_NS, {**place, **covariance})
         add("/gps/vel", TWIST, START_NS + i * SECOND_NS, vector("twist.linear", rng.normal(size=3)))
     return sorted(messages, key=lambda message: message.stamp_ns)

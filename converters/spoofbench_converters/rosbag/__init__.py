@@ -38,6 +38,8 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
         yield from conversion.finish()
         if log.expected > log.records:
             yield Reject(log.records, log.expected - log.records, "declared by the bag but not in it")
+        if log.unverified:
+            yield Facts({"recording": {"unverified_chunks": str(log.unverified)}})
         if options.session:
             yield Facts({"recording": {"session_id": options.session}})
     finally:

@@ -195,6 +195,7 @@ class Bag:
         topics: all topics of all files.
         records: how many messages were met so far, lost ones included.
         expected: how many messages it says that it has, 0 where it does not say.
+        unverified: how many chunks have a wrong checksum and were read all the same.
     """
 
     def __init__(self, location: Location) -> None:
@@ -203,7 +204,7 @@ class Bag:
         Raises:
             ConversionError: none can be read.
         """
-        self.records, self.expected = 0, location.declared
+        self.records, self.expected, self.unverified = 0, location.declared, 0
         self._location = location
         self._numbers: dict[tuple[str, str, str, str], int] = {}
         self._failures: dict[int, str] = {}
@@ -245,6 +246,7 @@ class Bag:
                 continue
             file = self._open = self._open or _File(named)
             yield from self._slabs_of(file.log, wanted)
+            self.unverified += file.log.unverified
             file.close()
             self._open = None
 

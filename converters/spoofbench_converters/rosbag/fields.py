@@ -46,7 +46,8 @@ class Fields:
             return numbers(values) * scale
         if (values.ndim == 2) != (place is not None) or (place is not None and place >= values.shape[1]):
             return np.full(len(self), np.nan)
-        return np.asarray((values if place is None else values[:, place]).astype(np.float64) * scale)
+        with np.errstate(over="ignore", invalid="ignore"):  # of damaged messages
+            return np.asarray((values if place is None else values[:, place]).astype(np.float64) * scale)
 
     def integers(self, path: str) -> Integers | None:
         """Return a whole number of each message, ``(n,)``, None where they have none."""

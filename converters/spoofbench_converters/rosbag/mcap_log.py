@@ -5,8 +5,9 @@ The summary and the indexes are hints that are verified: a bag that was never cl
 """
 
 import struct
+import sys
 import zlib
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -74,6 +75,7 @@ class McapLog(ChunkedLog):
 
     def parts(self) -> Iterator[Messages | Lost]:
         """See :class:`spoofbench_converters.rosbag.slabs.ChunkedLog`."""
+        self.unverified = 0
         pending: _Pending | None = None
         loose: list[tuple[int, int]] = []
         for item in self._records(len(MAGIC)):
@@ -160,11 +162,7 @@ class McapLog(ChunkedLog):
         """Return where the next records start that follow one another, the end of the file if nowhere."""
         while at < self._bytes:
             window = np.frombuffer(self._read(at, _WINDOW_BYTES + _HEAD.size), np.uint8)
-            places = np.flatnonzero(_KNOWN_OPCODES[window[: max(window.size - _HEAD.size, 0)]])
-            # A length of more than 16 MiB is not looked for, but for that of a chunk.
-            places = places[(window[places + 7] == 0) & (window[places + 8] == 0) & (window[places + 6] == 0) & (window[places + 5] == 0)]
-            places = places[(window[places + 4] == 0) | (window[places] == Opcode.CHUNK)]
-            for place in places.tolist():
+            for place in _candidates(window).tolist():
                 if self._follows(at + place):
                     return at + int(place)
             at += _WINDOW_BYTES
@@ -221,18 +219,20 @@ class McapLog(ChunkedLog):
         size, crc, packing, data = head
         unpacked, wrong = unpack(data, packing, size)
         if not wrong and crc and zlib.crc32(unpacked) != crc:
-            yield Lost(max(declared, 1), "the chunk is damaged: its checksum is wrong")
-            return
-        octets = np.frombuffer(unpacked, np.uint8)
-        starts, end = None if wrong else _indexed(octets, pending.offsets), octets.size
+            if packing:  # what was unpacked from damaged bytes is anything
+                yield Lost(max(declared, 1), "the chunk is damaged: its checksum is wrong")
+                return
+            self.unverified += 1
+        octets, gaps = np.frombuffer(unpacked, np.uint8), 0
+        starts = None if wrong else _indexed(octets, pending.offsets)
         if starts is None:
-            starts, end = _walk(unpacked)
+            starts, gaps = _walk_on(unpacked, self._channels)
             for start in starts[octets[starts] != Opcode.MESSAGE].tolist():
                 self._learn(int(octets[start]), unpacked[start + _HEAD.size : start + _HEAD.size + _HEAD.unpack_from(unpacked, start)[1]])
             starts = starts[octets[starts] == Opcode.MESSAGE]
         messages = self._messages(octets, starts)
         yield messages
-        lost = declared - messages.numbers.size if declared else int(end < octets.size or wrong is not None)
+        lost = declared - messages.numbers.size if declared else gaps or int(wrong is not None)
         if lost > 0:
             yield Lost(lost, f"the chunk is damaged: {wrong}" if wrong else _DAMAGED)
 
@@ -276,10 +276,43 @@ def _indexed(octets: NDArray[np.uint8], offsets: list[_Integers]) -> _Integers |
     return starts if np.array_equal(ends, np.append(starts[1:], octets.size)) else None
 
 
-def _walk(octets: bytes) -> tuple[_Integers, int]:
-    """Walk records; return where those start that end within, and where the last of them ends."""
-    starts, at = [], 0
-    while at + _HEAD.size <= len(octets):
+def _candidates(octets: NDArray[np.uint8]) -> _Integers:
+    """Return where a record may start: a known opcode, and a length below 16 MiB, of a chunk below 4 GiB."""
+    places = np.flatnonzero(_KNOWN_OPCODES[octets[: max(octets.size - _HEAD.size, 0)]])
+    for upper in (8, 7, 6, 5):
+        places = places[octets[places + upper] == 0]
+    return np.asarray(places[(octets[places + 4] == 0) | (octets[places] == Opcode.CHUNK)])
+
+
+def _walk_on(octets: bytes, channels: Container[int]) -> tuple[_Integers, int]:
+    """Walk a chunk's records; return where they start, and at how many places there is something else."""
+    starts, end = _walk(octets)
+    parts, gaps = [starts], 0
+    while end < len(octets):
+        gaps += 1
+        end = _next(octets, end + 1, channels)
+        starts, end = _walk(octets, end)
+        parts.append(starts)
+    return np.concatenate(parts), gaps
+
+
+def _next(octets: bytes, at: int, channels: Container[int]) -> int:
+    """Return where the next messages start that follow one another, the end if nowhere."""
+    while at < len(octets):
+        window = np.frombuffer(octets, np.uint8)[at : at + _WINDOW_BYTES + _HEAD.size]
+        for place in (at + _candidates(window)).tolist():
+            starts, end = _walk(octets, place, _CHAIN)
+            believable = starts.size == _CHAIN or (starts.size > 0 and end == len(octets))
+            if believable and octets[place] == Opcode.MESSAGE and int.from_bytes(octets[place + 9 : place + 11], "little") in channels:
+                return int(place)
+        at += _WINDOW_BYTES
+    return len(octets)
+
+
+def _walk(octets: bytes, at: int = 0, most: int = sys.maxsize) -> tuple[_Integers, int]:
+    """Walk so many records at most; return where those start that end within, and where the last of them ends."""
+    starts: list[int] = []
+    while at + _HEAD.size <= len(octets) and len(starts) < most:
         after = at + _HEAD.size + _HEAD.unpack_from(octets, at)[1]
         if after > len(octets) or octets[at] not in _KNOWN or after - at < _HEAD.size + _LEAST.get(octets[at], 0):
             break

@@ -174,13 +174,15 @@ def _fix(fields: Fields, columns: Columns) -> tuple[Columns, list[Refusal]]:
 def _covariance(fields: Fields) -> Columns:
     """Return the position covariance in NED as far as its type says that it is known."""
     given, kinds = fields.array("position_covariance", 9), fields.integers("position_covariance_type")
-    columns: Columns = {}
-    for axes, place, sign in _ENU_TO_NED:
-        known = (kinds == _KNOWN) if kinds is not None else np.zeros(len(fields), bool)
-        if axes in _DIAGONAL and kinds is not None:
-            known = known | (kinds == _APPROXIMATED) | (kinds == _DIAGONAL_KNOWN)
-        columns[f"cov_{axes}_m2"] = np.full(len(fields), np.nan) if given is None else np.where(known, sign * given[:, place], np.nan)
-    return columns
+    if given is None or kinds is None:
+        return {f"cov_{axes}_m2": np.full(len(fields), np.nan) for axes, _, _ in _ENU_TO_NED}
+    can_be = (given[:, [0, 4, 8]] >= 0).all(axis=1)
+    whole = can_be & (kinds == _KNOWN)
+    diagonal = whole | can_be & np.isin(kinds, (_APPROXIMATED, _DIAGONAL_KNOWN))
+    return {
+        f"cov_{axes}_m2": np.where(diagonal if axes in _DIAGONAL else whole, sign * given[:, place], np.nan)
+        for axes, place, sign in _ENU_TO_NED
+    }
 
 
 def _above_zero(values: Floats) -> Floats:

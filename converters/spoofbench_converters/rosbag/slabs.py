@@ -80,10 +80,14 @@ class Log(Protocol):
         topics: all topics.
         records: how many messages were met so far, lost ones included.
         expected: how many messages it says that it has, 0 where it does not say.
+        unverified: how many chunks have a wrong checksum and were read all the same.
     """
 
     @property
     def topics(self) -> tuple[Topic, ...]: ...
+
+    @property
+    def unverified(self) -> int: ...
 
     @property
     def records(self) -> int: ...
@@ -152,10 +156,11 @@ class ChunkedLog:
     Attributes:
         records: how many messages were met so far, lost ones included.
         expected: how many messages the file says that it has, 0 where it does not say.
+        unverified: how many chunks have a wrong checksum and were read all the same.
     """
 
     def __init__(self) -> None:
-        self.records = self.expected = 0
+        self.records = self.expected = self.unverified = 0
         self._numbers: dict[tuple[str, str, str], int] = {}
         self._topics: list[Topic] = []
 

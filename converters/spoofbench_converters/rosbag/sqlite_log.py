@@ -45,7 +45,7 @@ class SqliteLog:
         Raises:
             ConversionError: it is locked, or damaged beyond reading its topics, or no bag.
         """
-        self.records = 0
+        self.records = self.unverified = 0
         self._name = path.name
         try:
             self._database = connect(path)
