@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyubx2 import UBXReader
+from spoofbench_converters.ubx.inertial import MAX_SOURCES
 
 IMU, RAW_TURN = "/imu0/imu", 1 << 24
 _TYPES = {5: "gyro_z_radps", 13: "gyro_y_radps", 14: "gyro_x_radps", 16: "accel_x_mps2", 17: "accel_y_mps2", 18: "accel_z_mps2"}
@@ -88,6 +89,12 @@ def test_providers_are_sources_as_they_appear(ubx: Any) -> None:
         decoded = ubx.decode(frames, cuts)
         told = [(decoded.tables[f"/imu{number}/imu"]["accel_x_mps2"] * 1024).tolist() for number in range(3)]
         assert told == [[1, 4], [2], [3]]
+
+
+def test_sources_are_bounded(ubx: Any) -> None:
+    decoded = ubx.decode([_meas(ubx, 1, [_datum(16, 1)], id=number) for number in range(20)])
+    assert len(decoded.tables) == MAX_SOURCES
+    assert decoded.rejected == {f"UBX ESF-MEAS: of a data provider beyond {MAX_SOURCES} sources": 4 * 20}
 
 
 def test_wheels(ubx: Any) -> None:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from spoofbench.recording import Column
 from spoofbench_converters.stream.contract import Rows
-from spoofbench_converters.ubx.batch import Batch, Cells
+from spoofbench_converters.ubx.batch import Batch, Cells, Picked
 from spoofbench_converters.ubx.frames import Ints
 from spoofbench_converters.ubx.gpstime import MS_NS
 
@@ -23,6 +23,8 @@ _FIELDS = {  # by data type; u-blox M8 receiver description (UBX-13003221), sect
 _WHEELS = {6: "front-left", 7: "front-right", 8: "rear-left", 9: "rear-right", 10: "single"}
 _WORDS = tuple(_WHEELS.values())
 _SPEED, _SPEED_MPS = 11, 1e-3
+MAX_SOURCES = 16
+"""As many as a log may have, so that memory is bounded."""
 _TICKS = (1 << 23) - 1  # the top bit is the direction
 
 _RAW_BITS, _RAW_TICK_NS = 24, 39_062.5
@@ -71,33 +73,49 @@ class Sensors:
         those of its inner sensor before that. Both are uncalibrated. Specific force in m/s^2, rates in rad/s.
         """
         measured, raw = batch.all_of("ESF-MEAS"), batch.all_of("ESF-RAW")
-        keys = [("ESF-MEAS", int(number)) for number in np.unique(measured.head["id"])] + [("ESF-RAW", 0)] * bool(raw.frames.size)
-        begins = {key: int(raw.frames[0] if key[0] == "ESF-RAW" else measured.frames[measured.head["id"] == key[1]][0]) for key in keys}
-        for key in sorted(begins, key=begins.__getitem__):
-            self.sources.setdefault(key, f"imu{len(self.sources)}")
-            self._counters.setdefault(key, _Counter())
-        blocks, place = batch.blocks("ESF-MEAS", measured)
-        tagged = measured.head["flags"] >> 3 & 1 > 0
-        last = np.append(place[1:] != place[:-1], True)[: place.size]
-        data = ~(last & tagged[place])  # the last word is then the time tag in the receiver's clock
+        self._appear(measured, raw)
+        numbered = np.isin(measured.head["id"], [number for message, number in self.sources if message == "ESF-MEAS"])
+        batch.refuse(measured.frames[~numbered], f"of a data provider beyond {MAX_SOURCES} sources")
+        measured = measured.take(numbered)
         found = []
-        for key in keys:
-            if key[0] == "ESF-RAW":
-                found += self._raw(batch, key)
+        for message, number in self.sources:
+            if message == "ESF-RAW":
+                found += self._raw(batch, raw)
             else:
-                chosen = data & (measured.head["id"][place] == key[1])
-                frames = np.flatnonzero(measured.head["id"] == key[1])
-                ticks = np.zeros(measured.frames.size, np.int64)
-                ticks[frames] = self._counters[key].unwrap(measured.head["timeTag"][frames].astype(np.int64), 32) * MS_NS
-                found += _rows(batch, self.sources[key], measured.frames[place[chosen]], ticks[place[chosen]], blocks["data"][chosen])
-        gave = [batch.held.epoch[:0], *(one.frames for one in found)]
-        batch.use(np.concatenate(gave))
+                found += self._measured(batch, measured.take(measured.head["id"] == number), number)
         for picked in (measured, raw):
-            batch.refuse(np.setdiff1d(picked.frames, np.concatenate(gave)), "no data of a type in the schema")
+            gave = np.zeros(batch.held.number.size, bool)
+            for one in found:
+                gave[one.frames] = True
+            batch.use(picked.frames[gave[picked.frames]])
+            batch.refuse(picked.frames[~gave[picked.frames]], "no data of a type in the schema")
         return [one.rows for one in found]
 
-    def _raw(self, batch: Batch, key: tuple[str, int]) -> "list[_Found]":
-        picked = batch.all_of("ESF-RAW")
+    def _appear(self, measured: Picked, raw: Picked) -> None:
+        """Number the sources that appear for the first time."""
+        numbers, first = np.unique(measured.head["id"], return_index=True)
+        begins = {("ESF-MEAS", int(number)): int(measured.frames[place]) for number, place in zip(numbers, first, strict=True)}
+        if raw.frames.size:
+            begins["ESF-RAW", 0] = int(raw.frames[0])
+        for key in sorted(begins, key=begins.__getitem__):
+            if key not in self.sources and len(self.sources) < MAX_SOURCES:
+                self.sources[key] = f"imu{len(self.sources)}"
+                self._counters[key] = _Counter()
+
+    def _measured(self, batch: Batch, picked: Picked, number: int) -> "list[_Found]":
+        if not picked.frames.size:
+            return []
+        key = "ESF-MEAS", number
+        blocks, place = batch.blocks("ESF-MEAS", picked)
+        ends = np.ones(place.size, bool)
+        ends[:-1] = place[1:] != place[:-1]
+        data = ~(ends & (picked.head["flags"][place] & 8 > 0))  # a last word may be the time tag in the receiver's clock
+        ticks = self._counters[key].unwrap(picked.head["timeTag"].astype(np.int64), 32) * MS_NS
+        place = place[data]
+        return _rows(batch, self.sources[key], picked.frames[place], ticks[place], blocks["data"][data])
+
+    def _raw(self, batch: Batch, picked: Picked) -> "list[_Found]":
+        key = "ESF-RAW", 0
         blocks, place = batch.blocks("ESF-RAW", picked)
         if not blocks.size:
             return []

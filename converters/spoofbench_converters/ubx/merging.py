@@ -76,4 +76,4 @@ def _column(kind: str, name: str, parts: Sequence[Rows], order: Ints) -> Any:
 def _recoded(codes: NDArray[Any], own: Sequence[Any], words: dict[Any, int]) -> NDArray[Any]:
     """Return codes into ``words``, which takes up what it lacks."""
     shared = np.array([*(words.setdefault(word, len(words)) for word in own), -1])
-    return shared[codes]
+    return np.asarray(shared[codes])
