@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from typing import Literal
 
 from spoofbench.converting import Extent, Item, Source
-from spoofbench.errors import ConversionError
+from spoofbench.errors import ConversionError, SpoofbenchError
 from spoofbench_converters.phone import gnsslogger, gsdc, phyphox, sensorlog, sensorlogger
 from spoofbench_converters.phone.options import Options
-from spoofbench_converters.phone.parts import parts_of, text_parts
+from spoofbench_converters.phone.parts import laid_out, parts_of, text_parts
 
 __all__ = ["UNIT", "VERSION", "Options", "convert", "sniff"]
 
@@ -22,18 +22,21 @@ _FORMATS = (gnsslogger, sensorlogger, sensorlog, phyphox, gsdc)
 
 def sniff(source: Source) -> float:
     """Return how sure it is that a log is of one of the apps: a file, or a folder or zip archive with a file of theirs."""
-    parts = text_parts(parts_of(source))
-    return max((form.sniff(parts) for form in _FORMATS), default=0.0)
+    try:
+        parts = text_parts(parts_of(source))
+        return max(float(form.sniff(parts)) for form in _FORMATS)
+    except SpoofbenchError:  # an archive that is damaged
+        return 0.0
 
 
 def convert(source: Source, options: Options) -> Iterator[Item]:
     """Yield what a log holds; see :class:`spoofbench.converting.Converter`."""
     parts = parts_of(source)
     text = text_parts(parts)
-    scores = {form: form.sniff(text) for form in _FORMATS}
-    best = max(scores, key=lambda form: scores[form])
-    if not scores[best]:
+    best = max(_FORMATS, key=lambda form: form.sniff(text))
+    if not best.sniff(text):
         raise ConversionError(f"{source.path.name!r} is of no phone app that is known: GnssLogger, Sensor Logger, SensorLog, phyphox, GSDC")
-    if any(part.size for part in parts):
+    if parts[0].name:
+        parts = laid_out(parts)
         yield Extent(sum(part.size for part in parts))
     yield from best.convert(parts, options)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from spoofbench.converting import Columns, Item
 from spoofbench.converting.ordering import join, take
-from spoofbench_converters.phone import android, numbers
+from spoofbench_converters.phone import android, parsing
 from spoofbench_converters.phone.axis import Axis, Stamps
 from spoofbench_converters.phone.device import NO_TIME
 from spoofbench_converters.phone.gnssform import raw_elapsed, raw_utc
@@ -213,7 +213,7 @@ def _bytes(rows: Rows, place: int) -> tuple[NDArray[np.object_], NDArray[np.bool
     for width in np.unique(rows.widths).tolist():
         mine = np.flatnonzero(rows.widths == width)
         cells = (rows.firsts[mine][:, None] + np.arange(place, width)).reshape(-1)
-        values, present, wrong = numbers.scaled(Cells(rows.lines.octets, rows.starts[cells], rows.ends[cells]))
+        values, present, wrong = parsing.scaled(Cells(rows.lines.octets, rows.starts[cells], rows.ends[cells]))
         wrong = wrong | ~present | (values < -128) | (values > 255)
         octets = np.where(wrong, 0, values).astype(np.uint8).reshape(mine.size, -1)
         found[mine] = [row.tobytes() for row in octets]

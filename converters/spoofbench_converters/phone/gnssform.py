@@ -14,7 +14,7 @@ from spoofbench_converters.phone import android
 from spoofbench_converters.phone import lines as text
 from spoofbench_converters.phone.axis import PAIRS, Axis, Pairs, Stamps
 from spoofbench_converters.phone.lines import Lines
-from spoofbench_converters.phone.numbers import words
+from spoofbench_converters.phone.parsing import words
 from spoofbench_converters.phone.parts import Part
 from spoofbench_converters.phone.sheets import Sheet
 

@@ -11,6 +11,7 @@ from spoofbench.converting import Reject
 
 PIECE_BYTES = 2**22
 LONGEST_LINE_BYTES = 2**16
+MOST_LINES = 2**16
 BOM = b"\xef\xbb\xbf"
 
 _LF, _CR, _QUOTE, _SPACE = b'\n\r" '
@@ -90,6 +91,17 @@ def _too_long(offset: int, length: int) -> Reject:
 
 
 def _lines(octets: NDArray[np.uint8], base: int, first: bool) -> Iterator[Lines | Reject]:
+    """Yield the lines of a piece that ends with one, so many at a time that their places stay small."""
+    step = octets.size if int(np.count_nonzero(octets == _LF)) <= MOST_LINES else MOST_LINES
+    start = 0
+    while start < octets.size:
+        stop = min(start + step, octets.size)
+        stop += int(np.argmax(octets[stop - 1 :] == _LF))
+        yield from _cut(octets[start:stop], base + start, first and start == 0)
+        start = stop
+
+
+def _cut(octets: NDArray[np.uint8], base: int, first: bool) -> Iterator[Lines | Reject]:
     line_ends = np.flatnonzero(octets == _LF)
     firsts = np.concatenate([[0], line_ends[:-1] + 1])
     lengths = line_ends + 1 - firsts

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import IO
 
@@ -15,7 +15,7 @@ from spoofbench_converters.phone.streams import used
 HEAD_BYTES = 2**16
 NO_KIND = "a file of no kind in the schema"
 MOST_HEADS = 256
-_TEXT = (".csv", ".txt", ".tsv", ".json")
+_TEXT = re.compile(r"\.(csv|txt|tsv)(\.(gz|zst|bz2|xz))?$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Part:
     @property
     def stem(self) -> str:
         """The file's name without folders and suffix."""
-        return self.name.rpartition("/")[2].rpartition(".")[0] or self.name.rpartition("/")[2]
+        return _TEXT.sub("", self.name.rpartition("/")[2])
 
     def passed_over(self, reason: str = NO_KIND) -> Reject:
         """Return the account of a file of a folder or archive that nothing is read from."""
@@ -44,23 +44,32 @@ class Part:
 
 
 def parts_of(source: Source) -> list[Part]:
-    """Return a log's files.
+    """Return a log's files, as large as the archive's directory or the disk says; that of a lone file is not known.
 
     Raises:
         ConversionError: the archive's directory cannot be read.
     """
     if not source.path.is_dir() and not source.is_archive:
         return [Part("", 0, 0, source.open)]
-    parts, origin = [], 0
-    for member in source.members().values():
-        parts.append(Part(member.name, origin, member.size, member.open))
-        origin += member.size
-    return parts
+    return [Part(member.name, 0, member.size, member.open) for member in source.members().values()]
+
+
+def laid_out(parts: Sequence[Part]) -> list[Part]:
+    """Return a folder's or archive's files as large as they unpack to, which damage may make less, each with where it begins."""
+    placed, origin = [], 0
+    for part in parts:
+        size = 0
+        with part.open() as file:
+            while piece := file.read(2**20):
+                size += len(piece)
+        placed.append(replace(part, origin=origin, size=size))
+        origin += size
+    return placed
 
 
 def text_parts(parts: Sequence[Part]) -> list[Part]:
     """Return the files that may be text, by their names within the log; a lone file may."""
-    return [part for part in parts if not part.name or part.name.lower().endswith(_TEXT)][:MOST_HEADS]
+    return [part for part in parts if not part.name or _TEXT.search(part.name)][:MOST_HEADS]
 
 
 @dataclass(frozen=True, slots=True)

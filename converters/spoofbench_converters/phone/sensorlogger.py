@@ -165,9 +165,7 @@ def _sensor_of(part: Part) -> str:
     for column, sensor in (("latitude", "Location"), ("pressure", "Barometer")):
         if column in names:
             return sensor
-    raise ConversionError(
-        f"of which sensor a table of {sorted(names)} is, only its folder says; convert the recording's folder or zip archive"
-    )
+    raise ConversionError(f"a table of {sorted(names)} does not say of which sensor it is; convert the recording's folder or zip archive")
 
 
 def _sources(tables: Mapping[str, Part]) -> dict[str, tuple[str, ...]]:

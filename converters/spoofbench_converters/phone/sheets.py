@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.converting import Columns
-from spoofbench_converters.phone import numbers
+from spoofbench_converters.phone import parsing
 from spoofbench_converters.phone.lines import Rows
 
 NOT_A_NUMBER = "a cell that must be a number is none"
@@ -41,7 +41,7 @@ class Sheet:
         """Return the first of these columns that there is, NaN where a cell is empty, or where there is none of them."""
         for name in names:
             if name in self:
-                values, bad = numbers.floats(self.rows.column(self.places[name]), self._decimal_comma)
+                values, bad = parsing.floats(self.rows.column(self.places[name]), self._decimal_comma)
                 self.bad |= bad
                 return values
         return np.full(len(self), np.nan)
@@ -50,14 +50,14 @@ class Sheet:
         """Return the first of these columns that there is, times ``10 ** decimals``, and which rows have a value."""
         for name in names:
             if name in self:
-                values, present, bad = numbers.scaled(self.rows.column(self.places[name]), decimals, self._decimal_comma)
+                values, present, bad = parsing.scaled(self.rows.column(self.places[name]), decimals, self._decimal_comma)
                 self.bad |= bad
                 return values, present
         return np.zeros(len(self), np.int64), np.zeros(len(self), bool)
 
     def words(self, name: str) -> NDArray[np.bytes_]:
         """Return a column of words, empty where there is none."""
-        return numbers.words(self.rows.column(self.places[name])) if name in self else np.zeros(len(self), "S1")
+        return parsing.words(self.rows.column(self.places[name])) if name in self else np.zeros(len(self), "S1")
 
     def account(self) -> Columns:
         """Return where the rows lie in the log: ``offset`` and ``length``."""
