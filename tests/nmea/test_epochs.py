@@ -217,6 +217,27 @@ def test_a_log_of_an_imu_alone(nmea: ModuleType) -> None:
     assert nmea.rows(epochs, "ins0", "ins/pva")[0]["yaw_deg"] == 66.172
 
 
+def test_an_epoch_is_bounded(nmea: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What follows the last fix is kept, in epochs without a time, however it comes in pieces."""
+    monkeypatch.setattr("spoofbench_converters.nmea.epochs.MAX_SENTENCES", 50)
+    monkeypatch.setattr("spoofbench_converters.nmea.receivers.JUDGED", 20)
+    bodies = [
+        gga("120000.00"),
+        *["VNIMU,1,2,3,4,5,6,7,8,9,20,101.3"] * 130,
+        *["GPVTG,1.0,T,,M,1.0,N,,K"] * 40,
+        *gsv(40) * 60,
+        gga("120001.00"),
+        *gsv(41) * 100,
+    ]
+    octets = nmea.log(*bodies)
+    epochs, _, _ = nmea.decode([nmea.frames(octets)])
+    times = [row["claimed_ns"] for row in nmea.rows(epochs, "gnss0", "gnss/pvt")]
+    assert times[0] == 43_200 * SECOND_NS
+    assert 43_201 * SECOND_NS in times
+    assert sum(part.offset.size for part in epochs) > 6
+    assert_same_in_pieces(nmea, octets, range(0, len(octets), 700))
+
+
 BODIES = st.one_of(
     st.builds(gga, st.sampled_from(["120000.00", "120001.00", "120000", ""]), st.sampled_from(["GP", "GN"]), quality=st.integers(0, 9)),
     st.builds(rmc, st.sampled_from(["120000.00", "120001.00", "120001", ""]), st.sampled_from(["GP", "AP"]), status=st.sampled_from("AV")),

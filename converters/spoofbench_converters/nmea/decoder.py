@@ -16,7 +16,7 @@ from spoofbench_converters.nmea import receivers
 from spoofbench_converters.nmea.addresses import READ, Addresses
 from spoofbench_converters.nmea.assembly import Assembly
 from spoofbench_converters.nmea.batch import Batch, read_frames
-from spoofbench_converters.nmea.epochs import Before, Habits, divide_within_bounds
+from spoofbench_converters.nmea.epochs import Before, Habits, open_within_bounds
 from spoofbench_converters.nmea.fields import Bools, Ints
 from spoofbench_converters.nmea.options import DecoderOptions
 from spoofbench_converters.nmea.sensors import SENSORS
@@ -64,15 +64,12 @@ class NmeaDecoder:
             return
         receiver = self._receiver_of(held)
         first = np.flatnonzero(receiver == 0)
-        division = divide_within_bounds(take(held.frames, first), self._before, self._habits)
-        starts = np.zeros(held.size, bool)
-        starts[first[division.starts]] = True
-        end = held.size if last or not first.size else int(first[division.starts][-1])
+        starts, before = open_within_bounds(take(held.frames, first), first, held.size, self._before, self._habits)
+        end = held.size if last or (self._without_receiver and not first.size) else int(np.flatnonzero(starts)[-1])
         if self._without_receiver:
             starts |= receiver < 0
-        starts[:1] = True
         if end:
-            self._before = division.before(int(np.searchsorted(first, end)), self._before)
+            self._before = before
             done, self._held = held.split(end)
             yield from self._assembly.epochs(done, starts[:end], receiver[:end], self._addresses.talkers)
 

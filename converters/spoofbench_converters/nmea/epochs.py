@@ -30,7 +30,6 @@ _STANDS = 3  # moves without a tick that tell of a clock that stands
 _CLEAR_GAP = 2  # a gap this many times the next longest one separates bursts
 _REPEATING = np.isin(READ, ("GGA", "RMC", "GLL", "GNS", "ZDA", "PUBX00"))
 _CLOCKS = np.isin(READ, ("ZDA", "PUBX04"))
-_PARTS = ("starts", "repeated", "tod_ns", "fine")
 _GSV, _GSA, _VTG = CODES["GSV"], CODES["GSA"], CODES["VTG"]
 
 
@@ -72,13 +71,11 @@ class Division:
 
     Attributes:
         starts: bool ``(n,)``, which sentences open an epoch; the first one does.
-        repeated: bool ``(n,)``, which sentences only repeat the one before.
         tod_ns: int64 ``(n,)``, times as compared, ``ABSENT_NS`` where a sentence has none.
         fine: bool ``(n,)``, which times have decimals.
     """
 
     starts: Bools
-    repeated: Bools
     tod_ns: Ints
     fine: Bools
 
@@ -114,20 +111,36 @@ def divide(frames: Columns, segment: Ints, before: Before, habits: Habits) -> Di
     _open_at_repetition(frames, repeating[~repeated[repeating]], np.cumsum(opens | border), opens)
     anchors = np.flatnonzero((tod_ns != ABSENT_NS) | _REPEATING[frames["code"]])
     starts = _with_what_leads(frames, np.flatnonzero(opens), anchors, border, habits.gsv_first)
-    return Division(starts | border, repeated, tod_ns, fine)
+    return Division(starts | border, tod_ns, fine)
 
 
-def divide_within_bounds(frames: Columns, before: Before, habits: Habits) -> Division:
-    """Divide as :func:`divide` does, of one segment; an epoch that grows beyond ``MAX_SENTENCES`` ends there."""
-    whole = divide(frames, np.zeros(frames["code"].size, np.int64), before, habits)
-    starts = np.flatnonzero(whole.starts)
-    long = np.flatnonzero(np.diff(np.append(starts, frames["code"].size)) > MAX_SENTENCES)
-    if not long.size:
-        return whole
-    cut = int(starts[long[0]]) + MAX_SENTENCES
-    rest = divide_within_bounds(take(frames, slice(cut, None)), whole.before(cut, before), habits)
-    parts = zip(*((getattr(part, name) for name in _PARTS) for part in (whole, rest)), strict=True)
-    return Division(*(np.concatenate([first[:cut], second]) for first, second in parts))
+def open_within_bounds(frames: Columns, places: Ints, size: int, before: Before, habits: Habits) -> tuple[Bools, Before]:
+    """Divide a receiver's sentences among others, so that no epoch has more than ``MAX_SENTENCES`` of all.
+
+    Args:
+        frames: the receiver's sentences.
+        places: int64 ``(n,)``, their places among all.
+        size: how many there are of all.
+        before: what came before the first.
+        habits: of the receiver.
+
+    Returns:
+        Which of all sentences open an epoch, bool ``(size,)``, and what came before the last one that does.
+    """
+    starts = np.zeros(size, bool)
+    begin = 0
+    while True:
+        own = int(np.searchsorted(places, begin))
+        division = divide(take(frames, slice(own, None)), np.zeros(places.size - own, np.int64), before, habits)
+        starts[places[own:][division.starts]] = True
+        starts[begin : begin + 1] = True
+        opening = begin + np.flatnonzero(starts[begin:])
+        long = np.flatnonzero(np.diff(np.append(opening, size)) > MAX_SENTENCES)
+        if not long.size:
+            return starts, division.before(int(np.searchsorted(places, opening[-1])) - own, before)
+        begin = int(opening[long[0]]) + MAX_SENTENCES
+        before = division.before(int(np.searchsorted(places, begin)) - own, before)
+        starts[begin:] = False
 
 
 def _comparable(frames: Columns, before: Before) -> tuple[Ints, Bools]:
