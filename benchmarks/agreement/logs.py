@@ -12,12 +12,13 @@ NO_LOGS = (".chk", ".md", ".msg", ".tag")
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """A log: its path, its name within the folder, the manifest's row on it, and the options to convert it with."""
+    """A log: its path, its name within the folder, the manifest's row on it, and the format and options to convert it with."""
 
     path: Path
     name: str
     manifest: Mapping[str, str] = field(default_factory=dict)
     options: Mapping[str, str] = field(default_factory=dict)
+    format: str | None = None
 
 
 def logs(folder: Path) -> Iterator[Log]:
@@ -36,4 +37,5 @@ def logs(folder: Path) -> Iterator[Log]:
         if path.suffix in NO_LOGS or path.name == "manifest.csv":
             continue
         given = {name: text.replace("{folder}", str(path.parent)) for name, text in options.get(path.name, {}).items()}
-        yield Log(path, path.relative_to(folder).as_posix(), rows.get(path, {}), given)
+        form = given.pop("format", None)
+        yield Log(path, path.relative_to(folder).as_posix(), rows.get(path, {}), given, form)

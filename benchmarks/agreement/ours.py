@@ -46,7 +46,7 @@ def converted(log: Log, out: Path) -> Ours:
     for options in (log.options, {**log.options, "date": REFERENCE_DATE}):
         begin = time.perf_counter()
         try:
-            ledger = convert(log.path, out, options=options)
+            ledger = convert(log.path, out, format=log.format, options=options)
         except SpoofbenchError as error:
             if "--date" not in str(error) or refusal:
                 return Ours(None, None, time.perf_counter() - begin, refusal or str(error))

@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks.fuzz.mutating import TOKENS, mutate
 from benchmarks.fuzz.targets import check
+from spoofbench.testing.converter_alone import peak_bytes
 
 MEMORY_BYTES = 2**30
 INPUT_S = 20.0
@@ -122,7 +123,7 @@ def _try(
     """Try inputs from a turn on, for ever."""
     warnings.simplefilter("ignore")
     _limit_memory()
-    base = _resident_bytes()
+    base = peak_bytes()
     with tempfile.TemporaryDirectory(prefix="fuzz") as folder:
         path = Path(folder, "log")
         while True:
@@ -132,7 +133,7 @@ def _try(
                 check(target, path, turn)
             except Exception as error:  # noqa: BLE001 - that is what is looked for
                 answers.put((turn, _signature(error), traceback.format_exc()))
-            peak.value = max(peak.value, _resident_bytes() - base)
+            peak.value = max(peak.value, peak_bytes() - base)
             turn += 1
             if os.getppid() == 1:
                 return
@@ -147,10 +148,6 @@ def _signature(error: BaseException) -> str:
     place = f"{Path(places[-1].filename).name}:{places[-1].name}" if places else "?"
     text = str(cause).partition(":")[0][:60] if type(cause).__name__ in ("Broken", "CheckFailed") else ""
     return f"{type(cause).__name__} in {place} {text}".strip()
-
-
-def _resident_bytes() -> int:
-    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def _limit_memory() -> None:

@@ -88,6 +88,11 @@ def ubx_log(seconds: int) -> bytes:
 
 
 def _phone(_: Path) -> Iterator[bytes]:
+    yield phone_log(20)
+
+
+def phone_log(seconds: int) -> bytes:
+    """Return what GnssLogger writes in so many seconds."""
     raw = (
         "utcTimeMillis,TimeNanos,LeapSecond,TimeUncertaintyNanos,FullBiasNanos,BiasNanos,BiasUncertaintyNanos,DriftNanosPerSecond,"
         "DriftUncertaintyNanosPerSecond,HardwareClockDiscontinuityCount,Svid,TimeOffsetNanos,State,ReceivedSvTimeNanos,"
@@ -105,7 +110,7 @@ def _phone(_: Path) -> Iterator[bytes]:
     lines += [
         "# UncalAccel,utcTimeMillis,elapsedRealtimeNanos,UncalAccelXMps2,UncalAccelYMps2,UncalAccelZMps2,BiasXMps2,BiasYMps2,BiasZMps2"
     ]
-    for second in range(20):
+    for second in range(seconds):
         ms, ns = 1000 * (_START_S + second), 10**9 * (500 + second)
         lines.append(f"Fix,GPS,37.4273,-122.1694,40.5,1.25,3.8,90.0,{ms},0.5,10.0,{ns},2.0,0")
         lines.append(
@@ -113,12 +118,21 @@ def _phone(_: Path) -> Iterator[bytes]:
             f"-120.5,0.1,1,0.0,3.4e38,1575420030,,,,0,,1,40.2,34.5,0.0,0.0,,,C,{ns},1"
         )
         lines += [f"UncalAccel,{ms + 20 * i},{ns + 20_000_000 * i},0.1,0.2,9.8,0.0,0.0,0.0" for i in range(10)]
-    yield ("\n".join(lines) + "\n").encode()
+    return ("\n".join(lines) + "\n").encode()
 
 
 def _table(_: Path) -> Iterator[bytes]:
-    rows = [f"{_START_S + 0.2 * i:.3f},40.44{i:03d},-79.94{i:03d},{5 + i % 7:.2f},0.01,-0.98,0.02,0.001,0.002,0.003" for i in range(100)]
-    yield ("timestamp,latitude,longitude,speed,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z\n" + "\n".join(rows) + "\n").encode()
+    yield table_log(20)
+
+
+def table_log(seconds: int) -> bytes:
+    """Return a table of a phone in a car at 5 Hz of so many seconds."""
+    names = ["timestamp", "latitude", "longitude", "speed", *(f"{sensor}{axis}" for sensor in ("accelerometer", "gyro") for axis in "XYZ")]
+    rows = [
+        f"{_START_S + i // 5}.{i % 5 * 2},40.4{40_000 + i // 5},-79.9{40_000 + i // 5},{5 + i % 7:.2f},0.0{i % 9},-0.98,0.02,0.01,0.02,0.03"
+        for i in range(5 * seconds)
+    ]
+    return ("\n".join([",".join(names), *rows]) + "\n").encode()
 
 
 def _mcap(folder: Path) -> Iterator[bytes]:

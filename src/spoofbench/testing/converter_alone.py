@@ -92,7 +92,7 @@ def _answer(place: str, way: tuple[str, str | None, bytes | None], paths: Sequen
     for path in paths:
         digests = outcome(converter, path, options).digests if keep else _let_pass(converter, path, options)
         left = tuple(sorted(str(path) for path in Path().rglob("*")))
-        answers.append(Alone(digests, 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, left))
+        answers.append(Alone(digests, peak_bytes(), left))
     Path(place).write_bytes(pickle.dumps(answers))
 
 
@@ -104,6 +104,14 @@ def _let_pass(converter: Converter, path: Path, options: Mapping[str, Any]) -> M
     except SpoofbenchError:
         pass
     return {}
+
+
+def peak_bytes() -> int:
+    """Return the most memory that this process had resident; ``ru_maxrss`` alone would include the process that started it."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        return 1024 * next(int(line.split()[1]) for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def _limit_memory() -> None:

@@ -102,7 +102,7 @@ def raises_only_its_errors(subject: Subject) -> None:
 
 
 def keeps_memory_bounded(subject: Subject) -> None:
-    """Memory does not grow with the log: a log four times as long takes at most :data:`MEMORY_SHARE` of the difference more."""
+    """Memory does not grow with the log: a longer log takes at most :data:`MEMORY_SHARE` of the difference more."""
     for path, log, _ in subject.streams() if subject.streamed else ():
         with scratch() as folder:
             for what, short, long in long_logs(log, folder):
