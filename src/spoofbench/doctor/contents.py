@@ -22,7 +22,10 @@ NEVER_ZERO = {
     "baro": ("pressure_pa",),
     "mag": ("field_x_ut", "field_y_ut", "field_z_ut"),
 }
-_HARMLESS = ("nothing in the schema", "not asked for", "not understood", "not in the mapping", "repeated", "again")
+_HARMLESS = (
+    *("nothing in the schema", "not asked for", "not understood", "not in the mapping", "vendor's own", "of no type"),
+    *("repeated", "again", "told ", "says more", "no value", "a poll", "comment", "blank"),
+)
 """Words of the reasons that are no loss of what could have been used."""
 
 

@@ -107,7 +107,8 @@ def courses(recording: Recording) -> list[Finding]:
 def _moving(table: Table) -> tuple[Steps, Bools]:
     """Return the steps, and which of them are fast enough to have a direction and short enough to have one only."""
     way = steps(table)
-    return way, (way.way_m > STEADY_MPS * way.dt_s) & (way.way_m > STEADY_MPS) & (way.dt_s <= WINDOW_S)
+    fast = (way.way_m > STEADY_MPS * way.dt_s) & ~(way.speed_mps < STEADY_MPS)
+    return way, fast & (way.way_m > STEADY_MPS) & (way.dt_s <= WINDOW_S)
 
 
 def _between(angles: Floats, way: Steps, moving: Bools) -> Floats:
