@@ -104,7 +104,7 @@ def _spec(mapping: "TableMapping", table: "TableSpec", paths: Mapping[str, str])
 
     about = {topic.kind: mapping.sources.get(f"source/{topic.source}", {}) for topic in table.topics}
     names = {field.name for topic in table.topics if topic.kind == "gnss/pvt" for field in topic.fields}
-    side = "position" if names and not names & _VELOCITIES else ""
+    side = "" if "lat_deg" in names and names & _VELOCITIES else "position" if "lat_deg" in names else "velocity" if names else ""
     return Spec(kinds, read, side, {kind: {**record, "mapping": mapping.name} for kind, record in about.items()})
 
 

@@ -30,6 +30,8 @@ _FIX_TYPES = {
     1: gnss_pb2.FIX_TYPE_DIFFERENTIAL,
     2: gnss_pb2.FIX_TYPE_DIFFERENTIAL,
     18: gnss_pb2.FIX_TYPE_DIFFERENTIAL,
+    19: gnss_pb2.FIX_TYPE_RTK_FIXED,
+    20: gnss_pb2.FIX_TYPE_RTK_FLOAT,
     33: gnss_pb2.FIX_TYPE_DIFFERENTIAL,
 }
 

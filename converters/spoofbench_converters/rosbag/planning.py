@@ -75,7 +75,7 @@ def plan(topics: Sequence[Topic], specs: Mapping[int, Spec], options: Options) -
 
 def _declined(topic: Topic, known: Sequence[Topic], specs: Mapping[int, Spec], options: Options) -> str | None:
     spec, last = specs[topic.number], topic.name.rpartition("/")[2].lower()
-    if spec.side == "velocity" and options.velocity != topic.name:
+    if topic.type.startswith("geometry_msgs/") and options.velocity != topic.name:
         beside = any(specs[other.number].side == "position" and _parent(other) == _parent(topic) for other in known)
         called = bool(_VELOCITY.fullmatch(last)) and not _COMMANDED.search(last)
         if options.velocity != "auto" or not beside or not called:
