@@ -44,14 +44,17 @@ _SIGNALS = {  # by signal id from 1, NMEA 0183 4.11; X and Z where it does not t
 SIGNALS = tuple(sorted({code for codes in _SIGNALS.values() for code in codes if code}))
 
 
-def _tables() -> tuple[Ints, Ints, Ints]:
-    constellation, svid = np.zeros((9, _NUMBERS), np.int64), np.zeros((9, _NUMBERS), np.int64)
+Shorts = NDArray[np.int16]
+
+
+def _tables() -> tuple[Shorts, Shorts, Shorts]:
+    constellation, svid = np.zeros((9, _NUMBERS), np.int16), np.zeros((9, _NUMBERS), np.int16)
     for named, ranges in _RANGES.items():
         constellation[named] = named
         for first, last, found, shift in ranges:
             constellation[named, first : last + 1] = found
             svid[named, first : last + 1] = np.arange(first, last + 1) + shift
-    signal = np.full((9, 16), NO_SIGNAL)
+    signal = np.full((9, 16), NO_SIGNAL, np.int16)
     for named, codes in _SIGNALS.items():
         for number, code in enumerate(codes, 1):
             signal[named, number] = SIGNALS.index(code) if code else NO_SIGNAL
@@ -71,12 +74,12 @@ def of_system_id(system: Ints) -> Ints:
     return _OF_SYSTEM_ID[np.where((system > 0) & (system < _OF_SYSTEM_ID.size), system, 0)]
 
 
-def identify(named: Ints, number: Ints) -> tuple[Ints, Ints]:
+def identify(named: Ints, number: Ints) -> tuple[Shorts, Shorts]:
     """Return constellation and number within it, 0 where unknown, from the constellation that a sentence names, or 0, and its number."""
-    number = np.where((number > 0) & (number < _NUMBERS), number, 0)
-    return _CONSTELLATION[named, number], _SVID[named, number]
+    place = named * _NUMBERS + np.where((number > 0) & (number < _NUMBERS), number, 0)
+    return _CONSTELLATION.take(place), _SVID.take(place)
 
 
-def signal_of(constellation: Ints, signal_id: Ints) -> NDArray[np.int64]:
+def signal_of(constellation: Ints | Shorts, signal_id: Ints) -> Shorts:
     """Return places in ``SIGNALS``, ``NO_SIGNAL`` where the sentence has no signal id or one that is not known."""
-    return _SIGNAL[constellation, np.where((signal_id > 0) & (signal_id < 16), signal_id, 0)]
+    return _SIGNAL.take(constellation * 16 + np.where((signal_id > 0) & (signal_id < 16), signal_id, 0))

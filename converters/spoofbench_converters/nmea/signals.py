@@ -25,7 +25,7 @@ def rows(view: Columns, tables: Mapping[str, Columns]) -> dict[str, Any]:
         "constellation": Column(constellation.astype(np.int32), constellation > 0),
         "svid": Column(svid.astype(np.uint32), svid > 0),
         "signal": Column(signal.astype(np.int32), None, satellites.SIGNALS),
-        **{name: view[name].astype(np.float32) for name in ("cn0_dbhz", "elevation_deg", "azimuth_deg")},
+        **{name: view[name] for name in ("cn0_dbhz", "elevation_deg", "azimuth_deg")},
         "used": Column(used == YES, used != UNKNOWN),
         "residual_m": _residuals(view, tables),
     }

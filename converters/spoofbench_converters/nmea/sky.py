@@ -101,19 +101,19 @@ def grs(read: Reader, named: Ints) -> tuple[Columns, Columns]:
 
 def _satellites(number: Ints, parts: list[NDArray[np.float64]], named: Ints, signal_id: Ints, used: Ints) -> Columns:
     """One block of all sentences: those that give anything of a satellite."""
-    elevation, azimuth, cn0 = parts
     constellation, svid = satellites.identify(named, number)
-    columns = {
+    columns: Columns = {
         "row": np.arange(named.size),
         "constellation": constellation,
         "svid": svid,
         "signal": satellites.signal_of(constellation, signal_id),
-        "cn0_dbhz": cn0,
-        "elevation_deg": elevation,
-        "azimuth_deg": azimuth,
-        "used": used,
+        **{name: part.astype(np.float32) for name, part in zip(("elevation_deg", "azimuth_deg", "cn0_dbhz"), parts, strict=True)},
+        "used": used.astype(np.int16),
     }
-    return take(columns, np.flatnonzero((number > 0) | ~np.all(np.isnan(np.stack(parts)), axis=0)))
+    given = number > 0
+    for part in parts:
+        given |= ~np.isnan(part)
+    return columns if given.all() else take(columns, np.flatnonzero(given))
 
 
 def _letter(read: Reader, field: int) -> NDArray[np.uint8]:
@@ -126,5 +126,7 @@ def _flatten(parts: list[Columns]) -> Columns:
     """Join tables and put their rows in the order of ``row``, and of the tables within it."""
     if not parts:
         return {"row": np.empty(0, np.int64)}
+    if len(parts) == 1:
+        return parts[0]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     return take(joined, np.argsort(joined["row"], kind="stable"))
