@@ -195,6 +195,19 @@ def test_the_phones_clock_may_step(tmp_path: Path, gnsslogger: Callable[..., byt
     assert int(found.facts["recording"]["clock_step_count"]) > 0
 
 
+def test_a_clock_that_jumps_back_is_appended_if_asked(tmp_path: Path, gnsslogger: Callable[..., bytes], drive: Result) -> None:
+    path = saved(tmp_path, gnsslogger() + gnsslogger())
+    refused, appended = converted(path), converted(path, append_clock=True)
+    assert refused.used < appended.used == 2 * len(gnsslogger())
+    for topic in ("/imu0/imu", "/gnss0/gnss/pvt", "/gnss0/gnss/observation"):
+        once, twice = drive[topic], appended[topic]
+        assert len(twice) == 2 * len(once)
+        np.testing.assert_array_equal(np.diff(twice.time_ns)[: len(once) - 1], np.diff(once.time_ns))
+        np.testing.assert_array_equal(np.diff(twice.time_ns)[len(once) :], np.diff(once.time_ns))
+    behind = appended["/imu0/imu"].time_ns[2800] - appended["/gnss0/gnss/pvt"].time_ns[70]
+    assert behind == drive["/imu0/imu"].time_ns[0] - drive["/gnss0/gnss/pvt"].time_ns[0]
+
+
 def test_a_log_of_an_old_version(tmp_path: Path, gnsslogger: Callable[..., bytes], drive: Result) -> None:
     def old(line: str) -> str | None:
         header, cells = line.startswith("#"), line.removeprefix("# ").split(",")

@@ -88,6 +88,7 @@ def satellites(sheet: Sheet) -> Satellites:
     android = np.where(present & (number > 0) & (number < SCHEMA_CONSTELLATION.size), number, 0)
     svid, has_svid = sheet.exact(("Svid",))
     given = sheet.floats("CarrierFrequencyHz")
+    given = np.where(given > 0, given, np.nan)
     carrier, band, signal = _signals(android, given, sheet.words("CodeType"))
     slot, has_slot = _slots(android, given, svid)
     qzss = (android == _QZSS) & (svid > 192)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEP_NS = 100_000_000
+JUMP_NS = 10_000_000_000  # sensors that are handed over in batches stand up to this behind each other
 MOST_STEPS = 1000
 PAIRS = 100
 
@@ -27,11 +28,15 @@ class Axis:
         offset_ns: Unix time minus elapsed time since boot; None where the log has no elapsed time.
         basis: which rows said so.
         shift_ns: what is added to a time that the GNSS receiver claims, where a row has no other.
+        jumps: where the clock jumped back, and what is added to the times from there on.
     """
 
     offset_ns: int | None = None
     basis: str = "no row has elapsed time: times are those that each row claims"
     shift_ns: int = 0
+    jumps: list[tuple[int, int]] = field(default_factory=list)
+    _interval_ns: int | None = None
+    _last: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     @classmethod
     def of(cls, sensors: Pairs, fixes: Pairs, raw: Pairs) -> "Axis":
@@ -49,17 +54,45 @@ class Axis:
                 return cls(offset, basis, shift or 0)
         return cls()
 
-    def times(self, elapsed: Stamps, claimed: Stamps, shift: bool = False) -> Stamps:
+    def times(self, offsets: NDArray[np.int64], elapsed: Stamps, claimed: Stamps, shift: bool = False) -> Stamps:
         """Return the times of rows, and which have one.
 
         Args:
+            offsets: where the rows lie in the log.
             elapsed: time since boot.
             claimed: Unix time, which counts where there is no time since boot.
             shift: whether that is the GNSS receiver's.
         """
         has = elapsed[1] & (elapsed[0] > 0) & (self.offset_ns is not None)
         own = claimed[1] & (claimed[0] > 0)
-        return np.where(has, elapsed[0] + (self.offset_ns or 0), claimed[0] + (self.shift_ns if shift else 0)), has | own
+        times = np.where(has, elapsed[0] + (self.offset_ns or 0), claimed[0] + (self.shift_ns if shift else 0))
+        if self.jumps:
+            places = np.array([offset for offset, _ in self.jumps])
+            shifts = np.array([0, *(shift_ns for _, shift_ns in self.jumps)])
+            times = times + shifts[np.searchsorted(places, offsets, "right")]
+        return times, has | own
+
+    def append(self, offsets: NDArray[np.int64], times_ns: NDArray[np.int64]) -> None:
+        """Let rows after a jump back of the clock follow those before it, after their median interval.
+
+        Args:
+            offsets: where the rows that tell the time lie, in the order of the log.
+            times_ns: their times, as :meth:`times` gives them without jumps.
+        """
+        if self._interval_ns is None:
+            steps = np.diff(times_ns)
+            self._interval_ns = _median(steps[steps > 0]) or 0
+        before = np.concatenate([self._last, times_ns])
+        known = self._last.size
+        self._last = before[-2:]
+        ahead = np.append(before[1:], before[-1:])
+        lower = np.minimum(before, np.concatenate([before[:1], before[:-1]]))
+        back = np.zeros(before.size, bool)
+        back[1:] = np.maximum(before, ahead)[1:] < lower[:-1] - JUMP_NS
+        for place in np.flatnonzero(back[known:])[: MOST_STEPS - len(self.jumps)].tolist():
+            shift = self.jumps[-1][1] if self.jumps else 0
+            jump = int(before[known + place - 1] - times_ns[place]) + self._interval_ns
+            self.jumps.append((int(offsets[place]), shift + jump))
 
 
 def _median(values: NDArray[np.int64]) -> int | None:

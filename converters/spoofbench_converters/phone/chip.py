@@ -69,7 +69,7 @@ class Chip:
         columns |= self._bias(sheet, times) | {"agc_db": sheet.floats("AgcDb"), "band": seen.band}
         columns["epoch"] = sheet.exact(("TimeNanos",))[0]
         claimed = raw_utc(sheet, times)
-        columns["time_ns"], timed = self._axis.times(raw_elapsed(sheet), claimed, shift=True)
+        columns["time_ns"], timed = self._axis.times(columns["offset"], raw_elapsed(sheet), claimed, shift=True)
         columns["host_offset_s"] = np.where(times.known, (claimed[0] - columns["time_ns"] + times.rest_ns) * 1e-9, np.nan)
         yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
         yield from rejects(columns, ~timed & ~sheet.bad, NO_TIME)
@@ -82,7 +82,7 @@ class Chip:
         times, seen = android.receiver_times(sheet), android.satellites(sheet)
         columns: Columns = {"agc_db": sheet.floats("AgcDb"), "band": seen.band, **sheet.account()}
         claimed = raw_utc(sheet, times)
-        columns["time_ns"], timed = self._axis.times((claimed[0], np.zeros(len(sheet), bool)), claimed, shift=True)
+        columns["time_ns"], timed = self._axis.times(columns["offset"], sheet.exact(()), claimed, shift=True)
         yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
         yield from rejects(columns, ~timed & ~sheet.bad, NO_TIME)
         yield from self._rf.push(take(columns, timed & ~sheet.bad))

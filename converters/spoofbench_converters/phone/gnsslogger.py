@@ -132,6 +132,8 @@ class _Log:
     def _sheets(self, sheets: dict[str, Sheet]) -> Iterator[Item]:
         """Yield the rows of each type: sensors first, for they tell the time of rows that do not."""
         self._timed = []
+        if self._options.append_clock:
+            self._append(sheets)
         pushes: dict[str, tuple[Stream, list[Columns]]] = {}
         for kind in SENSORS:
             if kind in sheets:
@@ -155,11 +157,22 @@ class _Log:
         if "Nav" in sheets:
             yield from self._chip.navigation(sheets["Nav"])
 
+    def _append(self, sheets: dict[str, Sheet]) -> None:
+        """Look for jumps of the clock, among the rows that tell the time."""
+        parts = []
+        for kind in SENSORS if self._by_sensors else ("Fix",):
+            if kind in sheets:
+                times, timed = Axis(self._axis.offset_ns).times(*_clocks(sheets[kind], UNIX if kind == "Fix" else UTC))
+                parts.append(take({"offset": sheets[kind].account()["offset"], "time_ns": times}, timed & ~sheets[kind].bad))
+        if parts:
+            rows = in_file_order(parts)
+            self._axis.append(rows["offset"], rows["time_ns"])
+
     def _sensor(self, kind: str, sheet: Sheet) -> tuple[Stream, Columns, list[Rejects]]:
         elapsed, logged = sheet.exact(ELAPSED), sheet.exact(UTC, 6)
         columns, stream = self._vector(kind, sheet) if kind in _VECTORS else self._scalar(kind, sheet)
         columns |= sheet.account()
-        columns["time_ns"], timed = self._axis.times(elapsed, logged)
+        columns["time_ns"], timed = self._axis.times(columns["offset"], elapsed, logged)
         refused = [*rejects(columns, sheet.bad, NOT_A_NUMBER), *rejects(columns, ~timed & ~sheet.bad, NO_TIME)]
         kept = timed & ~sheet.bad
         columns = take(columns, kept)
@@ -225,7 +238,7 @@ class _Log:
         yield from rejects(columns, left, "a fix of a provider that is not known")
 
     def _provider(self, name: str, columns: Columns, elapsed: Stamps, claimed: Stamps) -> Iterator[Item]:
-        columns["time_ns"], timed = self._axis.times(elapsed, claimed, shift=name == "GPS")
+        columns["time_ns"], timed = self._axis.times(columns["offset"], elapsed, claimed, shift=name == "GPS")
         yield from rejects(columns, ~timed, NO_TIME)
         if name == "GPS":
             gps = claimed[0] - android.GPS_EPOCH_NS
@@ -272,6 +285,10 @@ _ABOUT = {
         "solution_basis": "Android's rotation vector, of inertial sensors and magnetometer",
     },
 }
+
+
+def _clocks(sheet: Sheet, unix: Sequence[str]) -> tuple[NDArray[np.int64], Stamps, Stamps]:
+    return sheet.account()["offset"], sheet.exact(ELAPSED), sheet.exact(unix, 6)
 
 
 def _places(columns: Columns) -> Columns:

@@ -90,7 +90,7 @@ def _sensors(part: Part, axis: Axis, steps: Steps) -> Iterator[Item]:
             continue
         logged = sheet.exact(UTC, 6)
         elapsed = sheet.exact(ELAPSED)
-        times, timed = axis.times(elapsed, logged)
+        times, timed = axis.times(sheet.account()["offset"], elapsed, logged)
         values = [sheet.floats(f"Measurement{name.upper()}") for name in AXES]
         account, kind = sheet.account(), sheet.words("MessageType")
         yield from rejects(account, sheet.bad, NOT_A_NUMBER)
@@ -144,8 +144,8 @@ class _Solution:
         import pymap3d
 
         ecef = np.stack([sheet.floats(name) for name in _WLS])
-        utc = sheet.exact(UTC)[0]
-        times, timed = self._axis.times(raw_elapsed(sheet), raw_utc(sheet, android.receiver_times(sheet)), shift=True)
+        utc, offsets = sheet.exact(UTC)[0], sheet.account()["offset"]
+        times, timed = self._axis.times(offsets, raw_elapsed(sheet), raw_utc(sheet, android.receiver_times(sheet)), shift=True)
         placed = np.flatnonzero(timed & ~sheet.bad & ~np.isnan(ecef).any(axis=0) & (np.abs(ecef).max(axis=0) > 0))
         if not placed.size:
             return
@@ -153,7 +153,7 @@ class _Solution:
         rows = placed[utc[placed] != before]
         self._last = int(utc[placed[-1]])
         lat, lon, height = pymap3d.ecef2geodetic(*ecef[:, rows])
-        account = {"offset": sheet.account()["offset"][rows], "length": np.zeros(rows.size, np.int64)}
+        account = {"offset": offsets[rows], "length": np.zeros(rows.size, np.int64)}
         yield from self.stream.push({"time_ns": times[rows], "lat_deg": lat, "lon_deg": lon, "height_m": height, **account})
 
 
@@ -169,8 +169,7 @@ def _reference(part: Part, axis: Axis) -> Iterator[Item]:
             "height_m": sheet.floats("AltitudeMeters"),
             **sheet.account(),
         }
-        nowhere = sheet.exact(())
-        columns["time_ns"], timed = axis.times(nowhere, sheet.exact(UNIX, 6), shift=True)
+        columns["time_ns"], timed = axis.times(columns["offset"], sheet.exact(()), sheet.exact(UNIX, 6), shift=True)
         placed = ~np.isnan(columns["lat_deg"] + columns["lon_deg"])
         yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
         yield from rejects(columns, ~timed & ~sheet.bad, NO_TIME)

@@ -161,9 +161,12 @@ class Rows:
 def split(lines: Lines, delimiter: str = ",") -> Rows:
     """Cut lines into cells; a delimiter between double quotes is text, quotes and blanks around a cell are not."""
     octets = lines.octets
+    if not lines.starts.size:
+        none = np.empty(0, np.int64)
+        return Rows(lines, none, none, none, none)
     places = np.flatnonzero(octets == ord(delimiter))
     owner = np.searchsorted(lines.starts, places, "right") - 1
-    inside = (owner >= 0) & (places < lines.ends[np.maximum(owner, 0)]) if lines.starts.size else np.zeros(places.size, bool)
+    inside = (owner >= 0) & (places < lines.ends[np.maximum(owner, 0)])
     quotes = np.flatnonzero(octets == _QUOTE)
     if quotes.size:
         before = np.searchsorted(quotes, places) - np.searchsorted(quotes, lines.starts)[np.maximum(owner, 0)]

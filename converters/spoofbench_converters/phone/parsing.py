@@ -12,10 +12,11 @@ LONGEST_NUMBER = 48
 _ABSENT = ("", "null", "NULL", "nan", "NaN", "None", "N/A", "inf", "-inf", "Infinity", "-Infinity")
 _NUMBER = r"^[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?$"
 _EXACT = 2.0**52
+_BEYOND_MEASURE = 1e100
 
 
 class Floats(NamedTuple):
-    """Values, float64 ``(n,)``, NaN where the cell is empty or says so; and which cells are no numbers."""
+    """Values, float64 ``(n,)``, NaN where the cell is empty, says so, or is infinite or nearly so; and which cells are no numbers."""
 
     values: NDArray[np.float64]
     bad: NDArray[np.bool_]
@@ -47,7 +48,7 @@ def floats(cells: Cells, decimal_comma: bool = False) -> Floats:
         good = pc.fill_null(pc.or_(number, absent), True)
         bad = long | ~good.to_numpy(zero_copy_only=False).astype(bool)
     found = np.array(values.fill_null(np.nan).to_numpy(zero_copy_only=False), np.float64)
-    found[~np.isfinite(found)] = np.nan
+    found[~(np.abs(found) < _BEYOND_MEASURE)] = np.nan
     return Floats(found, bad)
 
 
