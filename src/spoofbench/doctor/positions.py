@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.doctor.finding import Finding, where
+from spoofbench.doctor.finding import Finding, Severity, where
 from spoofbench.doctor.motion import Floats, Steps, runs, speed, steps
 from spoofbench.recording import Recording, Table
 from spoofbench.report.text import counted
@@ -12,6 +12,9 @@ NULL_ISLAND_DEG = 0.01
 MOVING_MPS = 1.0
 HELD_LEAST_M = 5.0
 """Way that a held position hides at least: below, the receiver may rightly stand or filter."""
+
+GRAVE_HOLD_S, GRAVE_HOLD_SHARE = 2.0, 0.01
+"""Below both, an epoch now and then was late."""
 
 JUMP_LEAST_M = 10.0
 JUMP_FACTOR, JUMP_MARGIN_MPS = 3.0, 10.0
@@ -63,7 +66,9 @@ def held(recording: Recording) -> list[Finding]:
         text = f"{counted(rows, 'row')} with the position of the one before while it moves, {hold}"
         start = way.start_ns[firsts[bad]]
         advice = "take only rows with a new position (a mapping's 'changes'); treat long holds as gaps"
-        findings.append(Finding("held-position", "warning", topic, text, advice, rows, int(start[0]), int(start[-1])))
+        grave = held_s[longest] > GRAVE_HOLD_S or rows > GRAVE_HOLD_SHARE * len(table)
+        severity: Severity = "warning" if grave else "info"
+        findings.append(Finding("held-position", severity, topic, text, advice, rows, int(start[0]), int(start[-1])))
     return findings
 
 
@@ -106,9 +111,8 @@ def jumping(recording: Recording) -> list[Finding]:
             )
             text = f"{counted(int(jump.sum()), 'jump')}, the largest {size_m:,.0f} m in {way.dt_s[largest]:.3g} s {said}"
             advice = "look whether the fix was lost, two receivers are mixed, or an attack begins or ends there"
-            severity = "error" if size_m > GRAVE_JUMP_M else "warning"
             ends = table.time_ns[way.next_rows[jump]]
-            findings.append(Finding("position-jump", "error" if severity == "error" else "warning", topic, text, advice, **where(ends)))
+            findings.append(Finding("position-jump", "error" if size_m > GRAVE_JUMP_M else "warning", topic, text, advice, **where(ends)))
     return findings
 
 
