@@ -1,14 +1,11 @@
-"""Tables that are no text: Parquet, MAT files and NumPy arrays, as rows.
+"""Tables that are no text: Parquet, NumPy arrays, and the matrices of MAT files, as rows.
 
 Their rows have no bytes of their own, so the bytes of a file are shared out evenly among the rows that it has.
 """
 
-import io
 import math
-import struct
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from typing import IO, Any, cast
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,22 +18,6 @@ MAX_ARRAY_BYTES = 2**30
 BATCH_ROWS = 65_536
 
 Arrays = Mapping[str, NDArray[Any]]
-
-_MAT_HEADER = 128
-_COMPRESSED = 15
-_MAT_ERRORS = (
-    ValueError,
-    TypeError,
-    KeyError,
-    IndexError,
-    OverflowError,
-    MemoryError,
-    EOFError,
-    OSError,
-    AttributeError,
-    NotImplementedError,
-    zlib.error,
-)
 
 
 class Shares:
@@ -132,68 +113,6 @@ def matched(arrays: Arrays, index: str) -> Arrays:
     return found
 
 
-def read_mat(octets: bytes, name: str, wanted: Sequence[str]) -> tuple[dict[str, NDArray[Any]], dict[str, tuple[str, ...]]]:
-    """Return variables of numbers of a MAT file of version 5 to 7, of a structure ``name.field``; and lists of texts.
-
-    Raises:
-        ConversionError: it is of another version, or damaged; LimitError: it unpacks to too much.
-    """
-    import scipy.io
-
-    if octets.startswith(b"MATLAB 7.3"):
-        raise ConversionError(f"{name!r} is a MAT file of version 7.3; save it with '-v7' in MATLAB")
-    _refuse_bomb(octets, name)
-    variables = [variable.partition(".")[0] for variable in wanted]
-    try:
-        content = scipy.io.loadmat(cast(Any, io.BytesIO(octets)), variable_names=variables)
-    except (*_MAT_ERRORS, scipy.io.matlab.MatReadError) as error:
-        raise ConversionError(f"{name!r} is no MAT file that can be read: {type(error).__name__}: {error}") from error
-    numbers: dict[str, NDArray[Any]] = {}
-    texts: dict[str, tuple[str, ...]] = {}
-    for key, value in content.items():
-        if not key.startswith("__"):
-            numbers |= _numeric(key, value)
-            texts |= _texts(key, value)
-    return numbers, texts
-
-
-def _numeric(name: str, value: Any) -> dict[str, NDArray[Any]]:
-    if not isinstance(value, np.ndarray):
-        return {}
-    if value.dtype.names and value.size == 1:
-        return {key: array for field in value.dtype.names for key, array in _numeric(f"{name}.{field}", value.flat[0][field]).items()}
-    if value.dtype.kind not in "fiub" or value.ndim != 2:
-        return {}
-    return {name: value.reshape(-1) if 1 in value.shape else value}
-
-
-def _texts(name: str, value: Any) -> dict[str, tuple[str, ...]]:
-    """Return a cell array of texts."""
-    if not isinstance(value, np.ndarray) or value.dtype != object:
-        return {}
-    cells = [cell.reshape(-1) for cell in value.flat if isinstance(cell, np.ndarray) and cell.dtype.kind == "U"]
-    return {name: tuple(str(cell[0]).strip() if cell.size else "" for cell in cells)} if len(cells) == value.size else {}
-
-
-def _refuse_bomb(octets: bytes, name: str) -> None:
-    """Refuse a file of version 5 whose compressed elements unpack to too much."""
-    order = "<" if octets[126:128] == b"IM" else ">"
-    place, total = _MAT_HEADER, 0
-    while place + 8 <= len(octets):
-        kind, size = struct.unpack_from(f"{order}II", octets, place)
-        if kind == _COMPRESSED:
-            unpacker, rest = zlib.decompressobj(), octets[place + 8 : place + 8 + size]
-            while rest and not unpacker.eof:
-                try:
-                    total += len(unpacker.decompress(rest, 2**20))
-                except zlib.error:
-                    break
-                rest = unpacker.unconsumed_tail
-                if total > MAX_ARRAY_BYTES:
-                    raise LimitError(f"{name!r} unpacks to more than {MAX_ARRAY_BYTES:,} bytes")
-        place += 8 + size
-
-
 def parquet_rows(file: IO[bytes], name: str, wanted: Sequence[str], base: int, octets: int) -> Iterator[Rows]:
     """Yield the rows of a Parquet file.
 
@@ -205,11 +124,19 @@ def parquet_rows(file: IO[bytes], name: str, wanted: Sequence[str], base: int, o
 
     try:
         table = pq.ParquetFile(file)
-        shares = Shares(base, octets, table.metadata.num_rows)
+        shares, read = Shares(base, octets, table.metadata.num_rows), 0
         for batch in table.iter_batches(BATCH_ROWS, columns=list(wanted)):
+            batch.validate(full=True)
+            read += batch.num_rows
+            if read > table.metadata.num_rows:
+                break
             yield Rows({column: _plain(batch.column(column)) for column in wanted}, *shares.next(batch.num_rows))
     except (pa.ArrowException, OSError, ValueError) as error:
         raise ConversionError(f"{name!r} is no Parquet file that can be read: {error}") from error
+    if read != table.metadata.num_rows:
+        raise ConversionError(f"the Parquet file {name!r} is damaged: it declares {table.metadata.num_rows:,} rows, but holds others")
+    if not read:
+        yield Rows({}, np.zeros(0, np.int64), np.zeros(0, np.int64), octets)
 
 
 def parquet_columns(file: IO[bytes], name: str) -> tuple[str, ...]:

@@ -16,9 +16,12 @@ from spoofbench.converting.sources import HEAD_BYTES
 from spoofbench.errors import ConversionError, LimitError
 from spoofbench_converters.table import arrays
 from spoofbench_converters.table.mapping import Mapping, TableSpec, load_mapping, ready_names
+from spoofbench_converters.table.matfile import read_mat
 from spoofbench_converters.table.rows import used_columns
 from spoofbench_converters.table.text import Head, Records, Rows, read_head
 from spoofbench_converters.table.topic import resolve
+
+MAX_SNIFFED = 1000
 
 FileFormat = Literal["csv", "parquet", "mat", "npy"]
 
@@ -151,6 +154,8 @@ def sniff(source: Source) -> float:
             and not source.head.startswith((b"PAR1", b"MATLAB"))
         ):
             return 0.0
+        if len(source.members()) > MAX_SNIFFED:
+            return 0.0
         files = _files(source, None)
         return 0.9 if any(mapping.recognised and _knows(mapping, files) for mapping in _ready()) else 0.0
     except ConversionError:
@@ -244,7 +249,12 @@ def _knows(mapping: Mapping, files: Sequence[File]) -> bool:
     if len(files) == 1:
         return any(known)
     is_whole = {table.name for tables in known for table in tables} == {table.name for table in mapping.tables}
-    return is_whole and (all(known) or all(table.files for table in mapping.tables))
+    names = [_array_name(file) for file, tables in zip(seen, known, strict=True) if tables]
+    return (
+        is_whole
+        and len(names) == len(set(names))
+        and (all(known) or (len(mapping.tables) > 1 and all(table.files for table in mapping.tables)))
+    )
 
 
 def _is_exactly(table: TableSpec, file: File, is_named: bool) -> bool:
@@ -313,13 +323,12 @@ def _mat(table: TableSpec, file: File) -> tuple[arrays.Arrays, tuple[str, ...]]:
     variable = table.layout.variable
     names = [variable] if variable else [name.partition("[")[0].removeprefix("-") for name in table.wanted()]
     labels = f"{variable}_label"
-    numbers, texts = arrays.read_mat(file.whole(), file.name, [*names, labels])
-    mine = {name: array for name, array in numbers.items() if name in names or (variable and name.startswith(f"{variable}."))}
-    if not mine:
+    numbers, texts = read_mat(file.whole(), file.name, frozenset([*names, labels]))
+    if not numbers:
         raise ConversionError(f"{file.name!r} has no variable of numbers {' or '.join(map(repr, names))}")
-    if variable and variable not in mine:
-        return {name.removeprefix(f"{variable}."): array for name, array in mine.items()}, ()
-    return mine, table.columns or texts.get(labels, ())
+    if variable and variable not in numbers:
+        return {name.removeprefix(f"{variable}."): array for name, array in numbers.items()}, ()
+    return numbers, table.columns or texts.get(labels, ())
 
 
 def rows(table: TableSpec, files: Sequence[File], base: int) -> Iterator[Rows | Rejects]:
@@ -369,8 +378,7 @@ def _names(table: TableSpec, head: Head, name: str) -> tuple[str, ...]:
 def _npy_rows(table: TableSpec, files: Sequence[File], base: int) -> Iterator[Rows | Rejects]:
     found: dict[str, np.ndarray] = {}
     for file in files:
-        folder, _, own = file.name.rpartition("/")
-        name = "/".join(part for part in (folder.rpartition("/")[2], own.removesuffix(".npy")) if part)
+        name = _array_name(file)
         if name in found:
             raise ConversionError(f"two arrays are called {name!r}: convert one session at a time")
         with file.open() as opened:
@@ -379,6 +387,11 @@ def _npy_rows(table: TableSpec, files: Sequence[File], base: int) -> Iterator[Ro
     used_columns(table, arrays.column_names(together))
     octets = sum(file.size() or 0 for file in files)
     yield from arrays.rows_of(together, (), arrays.Shares(base, octets, _length(together)))
+
+
+def _array_name(file: File) -> str:
+    """Return the name of an array: its folder's and its own."""
+    return "/".join(file.name.removesuffix(".npy").split("/")[-2:])
 
 
 def _length(found: arrays.Arrays) -> int:

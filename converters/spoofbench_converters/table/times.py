@@ -127,10 +127,10 @@ def counts(cells: Any, ns_per_unit: Fraction) -> tuple[NDArray[np.int64], Bools]
         cells = _integers(cells)
     if pa.types.is_integer(cells.type):
         whole = pc.fill_null(cells, 0).to_numpy(zero_copy_only=False)
-        bad = ~present(cells) | (np.abs(whole.astype(np.float64)) * float(ns_per_unit) >= _LIMIT_NS)
+        bad = ~present(cells) | (np.abs(whole.astype(np.float64)) >= _LIMIT_NS / float(ns_per_unit))
         return _scaled(np.where(bad, 0, whole).astype(np.int64), np.zeros(len(cells)), ns_per_unit), bad
     values, bad = numbers(cells)
-    bad = bad | np.isnan(values) | (np.abs(values) * float(ns_per_unit) >= _LIMIT_NS)
+    bad = bad | np.isnan(values) | (np.abs(values) >= _LIMIT_NS / float(ns_per_unit))
     values = np.where(bad, 0.0, values)
     floor = np.floor(values)
     return _scaled(floor.astype(np.int64), values - floor, ns_per_unit), bad

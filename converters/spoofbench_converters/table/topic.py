@@ -144,8 +144,9 @@ class Topic:
             return values, there & ~gone, np.zeros(len(raw), bool)
         if category == "float" or (category == "integer" and (spec.unit.factor != 1 or minus)):
             numbers, bad = cells.numbers(raw)
-            numbers = spec.unit.to_schema(-numbers if minus else numbers)
-            numbers = np.where(gone, np.nan, numbers + spec.offset if spec.offset else numbers)
+            numbers = spec.unit.to_schema(-numbers if minus else numbers) + spec.offset
+            bad |= np.isinf(numbers)
+            numbers = np.where(gone | bad, np.nan, numbers)
             there = ~np.isnan(numbers)
             if category == "float":
                 return numbers, there, bad & ~gone

@@ -167,11 +167,15 @@ class Unit:
     zero: Fraction = Fraction(0)
 
     def to_schema(self, raw: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return values in the schema's unit, ``(n,)``; a factor 1/k divides, so that decimals stay the nearest ones."""
+        """Return values in the schema's unit, ``(n,)``, infinite where beyond measure.
+
+        A factor 1/k divides, so that a decimal stays the nearest number.
+        """
         shifted = raw - float(self.zero) if self.zero else raw
-        if self.pi:
-            return np.asarray(shifted * (float(self.factor) * math.pi**self.pi))
-        return np.asarray(shifted * float(self.factor.numerator) / float(self.factor.denominator))
+        with np.errstate(over="ignore"):
+            if self.pi:
+                return np.asarray(shifted * (float(self.factor) * math.pi**self.pi))
+            return np.asarray(shifted * float(self.factor.numerator) / float(self.factor.denominator))
 
     def from_schema(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return raw values that :meth:`to_schema` turns into these wherever such exist, else the nearest."""

@@ -85,7 +85,7 @@ class Source:
             try:
                 with zipfile.ZipFile(self.path) as archive:
                     infos = [info for info in archive.infolist() if not info.is_dir()]
-            except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+            except (OSError, zipfile.BadZipFile, ValueError, IndexError, NotImplementedError) as error:
                 raise ConversionError(f"the archive {self.path.name!r} cannot be read: {error}") from error
             infos.sort(key=lambda info: info.filename)
             found = [Member(info.filename, info.file_size, self.path, info, self.tally) for info in infos]
