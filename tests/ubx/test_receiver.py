@@ -116,14 +116,15 @@ def test_older_words_are_one_row_until_the_newer_speaks(ubx: Any) -> None:
         blocks = [{"flags": 1}, {"flags": 2, "blockId": 1}]
         return [ubx.message("NAV-STATUS", iTOW=second * 1000, flags2=2 << 3), ubx.message("MON-RF", blocks)]
 
-    frames = [*older(1), *older(2), ubx.frame("SEC-SIG", bytes([2, 0b1001, 0, 0])), *older(3)]
-    for cuts in ([], [2, 3, 5]):
+    frames = [*older(1), *older(2), ubx.frame("SEC-SIG", bytes([2, 0b1001, 0, 0]))]
+    frames += [frame for second in range(3, 23) for frame in older(second)]
+    for cuts in ([], [2, 3, 5, 30]):
         decoded = ubx.decode(frames, cuts)
         table = decoded.tables[INTEGRITY]
         assert decoded.epoch[INTEGRITY].tolist() == [0, 1]
         assert table["spoofing"].tolist() == [gnss_pb2.SPOOFING_STATE_INDICATED, gnss_pb2.SPOOFING_STATE_UNKNOWN]
         assert table["jamming"].tolist() == [gnss_pb2.JAMMING_STATE_WARNING, gnss_pb2.JAMMING_STATE_UNKNOWN]
-        assert len(decoded.tables["/gnss0/gnss/rf"]) == 6
+        assert len(decoded.tables["/gnss0/gnss/rf"]) == 44
 
 
 def test_front_ends_of_u_blox_6(ubx: Any) -> None:
@@ -151,3 +152,9 @@ def test_covariances_are_valid_each(ubx: Any) -> None:
     table = ubx.decode(frames).tables[PVT]
     assert (table["cov_nn_m2"][0], table["cov_ed_m2"][0]) == (2.5, -0.5)
     assert np.isnan(table["cov_vel_nn_m2ps2"][0])
+
+
+def test_what_is_no_finite_number_is_absent(ubx: Any) -> None:
+    block = {"prMes": np.inf, "cpMes": -np.inf, "doMes": np.frombuffer(b"\x01\x00\x80\x7f", "<f4")[0], "trkStat": 3}
+    table = ubx.decode([ubx.message("RXM-RAWX", [block], week=2300)]).tables["/gnss0/gnss/observation"]
+    assert all(np.isnan(table[name][0]) for name in ("pseudorange_m", "carrier_cycles", "doppler_hz"))

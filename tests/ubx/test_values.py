@@ -285,15 +285,15 @@ _MANY: dict[str, tuple[str, Callable[[Any], list[Expected]]]] = {
 
 
 def agree(table: Table, row: int, expected: Expected) -> None:
-    """Fail where a row does not say what is expected; None is absent, and so is a number that is none."""
+    """Fail where a row does not say what is expected; None is absent, and so is what is no finite number."""
     for name, value in expected.items():
         present = bool(table.valid(name)[row])
-        if value is None or (isinstance(value, float) and math.isnan(value)):
+        if value is None or not math.isfinite(value):
             assert not present, f"{name} is {table[name][row]!r}, not absent"
             continue
         assert present, f"{name} is absent, not {value!r}"
         told = float(table[name][row])
-        if isinstance(value, float) and not math.isinf(value):
+        if isinstance(value, float):
             single = table[name].dtype == np.float32
             assert told == pytest.approx(value, rel=1e-6 if single else 1e-11, abs=1e-30 if abs(value) < 1e-6 else 2e-9), name
         else:

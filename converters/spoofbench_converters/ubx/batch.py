@@ -145,8 +145,10 @@ def whole(values: NDArray[np.float64], dtype: str = "int64") -> Column:
 
 
 def absent_where(mask: NDArray[np.bool_], values: NDArray[Any]) -> NDArray[np.float64]:
-    """Return values as float64, NaN where masked."""
-    return np.where(mask, np.nan, values.astype(np.float64))
+    """Return values as float64, NaN where masked, and where they are no finite number."""
+    with np.errstate(invalid="ignore"):  # a signalling NaN
+        result = values.astype(np.float64)
+    return np.where(mask | ~np.isfinite(result), np.nan, result)
 
 
 def scaled(values: NDArray[Any], scale: float, unknown: int | None = None) -> NDArray[np.float64]:

@@ -109,7 +109,7 @@ def _rawx(blocks: NDArray[np.void], version: NDArray[np.uint8]) -> Cells:
         "signal": signal_codes(gnss, np.where(version == 0, 0, blocks["sigId"])),
         "pseudorange_m": absent_where(~ranged, blocks["prMes"]),
         "carrier_cycles": absent_where(~tracked, blocks["cpMes"]),
-        "doppler_hz": blocks["doMes"].astype(np.float64),
+        "doppler_hz": absent_where(np.zeros(gnss.size, bool), blocks["doMes"]),
         "cn0_dbhz": absent_where(blocks["cno"] == 0, blocks["cno"]),
         "lock_time_s": blocks["locktime"] * 1e-3,
         "pseudorange_std_m": absent_where(~ranged, 0.01 * 2.0**code),
