@@ -52,10 +52,15 @@ def joined(parts: list[Table]) -> Table:
 
 
 def convert_table(path: Path, **options: Any) -> Result:
+    """Convert a log."""
+    return convert_by(table, path, **options)
+
+
+def convert_by(converter: Any, path: Path, **options: Any) -> Result:
     """Convert a log and check that no two blocks of a topic run backwards."""
     tables: dict[str, list[Table]] = {}
     ledger, metadata = Ledger("bytes"), {}
-    for item in table.convert(Source.of(path), table.Options(**options)):
+    for item in converter.convert(Source.of(path), converter.Options(**options)):
         if isinstance(item, Block | Reject | Rejects):
             ledger.enter(item)
         if isinstance(item, Block) and len(item.table):

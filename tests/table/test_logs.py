@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from spoofbench_converters import table
+from spoofbench_converters import rosbag, table
 from spoofbench_converters.table import mapping
 
 from spoofbench.converting import Source
 
-from .conftest import Result, convert_table
+from .conftest import Result, convert_by, convert_table
 
 PHONE = "phone_bag"
 G = 9.80665
@@ -70,6 +70,18 @@ def test_a_pair_is_a_folder(data: Path, tmp_path: Path) -> None:
     assert np.allclose(np.stack([mag[f"field_{axis}_ut"] for axis in "xyz"], 1), raw[:, :3] * 100, atol=1e-9)
     assert np.allclose(np.stack([imu[f"accel_{axis}_mps2"] for axis in "xyz"], 1), raw[:, 3:6], atol=1e-9)
     assert np.allclose(np.stack([imu[f"gyro_{axis}_radps"] for axis in "xyz"], 1), raw[:, 6:9], atol=1e-9)
+
+
+def test_one_session_in_two_formats(data: Path, tmp_path: Path) -> None:
+    for name in ("imu", "gps"):
+        shutil.copy(data / PHONE / f"car_circles_kiran_{name}.csv", tmp_path)
+    text = convert_table(tmp_path).recording
+    bag = convert_by(rosbag, data / PHONE / "mcap_car_circles_olive.mcap").recording
+    assert set(bag) == set(text)
+    for topic in text:
+        assert np.abs(bag[topic].time_ns - text[topic].time_ns).max() <= 500  # the text has seven digits
+        for field in text[topic]:
+            assert np.array_equal(bag[topic][field], text[topic][field], equal_nan=True), field
 
 
 def test_phone_of_means(data: Path) -> None:

@@ -104,8 +104,7 @@ def _word_starts(octets: Octets) -> Bools:
 
 def _count(flags: NDArray[np.bool_], starts: Places) -> Places:
     """Return how many flags are set from each start to the next, the last one's to the end."""
-    total = np.concatenate([[0], np.cumsum(flags, dtype=np.int64)])
-    return np.asarray(np.diff(total[np.append(starts, flags.size)]))
+    return np.diff(np.searchsorted(np.flatnonzero(flags), np.append(starts, flags.size)))
 
 
 def _marks(octets: Octets, places: Places, starts: Places, delimiter: int, comments: Bools) -> _Marks:

@@ -273,7 +273,10 @@ class Records:
 
 
 def _any(flags: NDArray[np.bool_], starts: Places) -> NDArray[np.bool_]:
-    return np.asarray(np.logical_or.reduceat(flags, starts)) if starts.size else np.zeros(0, bool)
+    """Which records have a flag that is set."""
+    found = np.zeros(starts.size, bool)
+    found[np.searchsorted(starts, np.flatnonzero(flags), "right") - 1] = True
+    return found
 
 
 def _last_octets(octets: Octets, found: Found) -> Places:
