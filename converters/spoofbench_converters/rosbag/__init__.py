@@ -9,9 +9,10 @@ from collections.abc import Iterator
 from typing import Literal
 
 from spoofbench.converting import Extent, Facts, Item, Reject, Source
-from spoofbench_converters.rosbag import bag
+from spoofbench_converters.rosbag.bag import Bag
 from spoofbench_converters.rosbag.conversion import Conversion
 from spoofbench_converters.rosbag.family import Options
+from spoofbench_converters.rosbag.locating import locate, surety
 
 __all__ = ["UNIT", "VERSION", "Options", "convert", "sniff"]
 
@@ -21,12 +22,12 @@ UNIT: Literal["records"] = "records"
 
 def sniff(source: Source) -> float:
     """Return 1 for a bag of any kind, less for an archive with one or an MCAP file of unsaid origin with ROS messages, else 0."""
-    return bag.surety(source)
+    return surety(source)
 
 
 def convert(source: Source, options: Options) -> Iterator[Item]:
     """Yield what a bag holds; see :class:`spoofbench.converting.Converter`."""
-    log = bag.Bag(bag.locate(source))
+    log = Bag(locate(source))
     try:
         conversion = Conversion(log.topics, options)
         yield Extent(log.expected)

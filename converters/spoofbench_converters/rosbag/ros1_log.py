@@ -5,9 +5,7 @@ fields and data; connections and messages are records within chunks. Indexes are
 that was never closed has none.
 """
 
-import re
-import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,24 +15,32 @@ from numpy.typing import NDArray
 from spoofbench.errors import ConversionError
 from spoofbench_converters.rosbag.definitions import normal_name
 from spoofbench_converters.rosbag.layouts import windows
+from spoofbench_converters.rosbag.ros1_records import (
+    CONNECTION,
+    MESSAGE,
+    START,
+    Fields,
+    data_of,
+    fields_of,
+    heads_of,
+    indexed,
+    is_message,
+    number_of,
+    walk,
+)
 from spoofbench_converters.rosbag.slabs import ChunkedLog, Lost, Messages, gather
 from spoofbench_converters.rosbag.unpacking import MAX_CHUNK_BYTES, unpack
 
 MAGIC = b"#ROSBAG V2.0\n"
 MAX_HEADER_BYTES = 65_536
-MAX_CONNECTION_BYTES = 1_048_576
+MAXCONNECTION_BYTES = 1_048_576
 
-_MESSAGE, _BAG, _INDEX, _CHUNK, _INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
-_U4 = struct.Struct("<I")
-_START = re.compile(
-    rb"(?s)(?=..[\x00\x01]\x00.\x00\x00\x00(?:op|ver|conn|count|compression|size|time|topic|chunk_pos|start_time|end_time)=)"
-)
+_BAG, _INDEX, _CHUNK, _INFO = 3, 4, 5, 6
 _WINDOW_BYTES = 1 << 20
 _MAX_HEADS = 16  # different header layouts in one chunk
 _DAMAGED = "the chunk is damaged here"
 
 _Integers = NDArray[np.int64]
-_Fields = Mapping[bytes, bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +48,7 @@ class _Record:
     """A record of the file: its operation, the fields of its header, and where its data are."""
 
     op: int
-    fields: _Fields
+    fields: Fields
     data_at: int
     size: int
 
@@ -94,8 +100,8 @@ class Ros1Log(ChunkedLog):
                 yield record
             elif record.op == _CHUNK:
                 pending = _Pending(record)
-            elif record.op == _CONNECTION:
-                self._connect(record.fields, self._data(record, MAX_CONNECTION_BYTES))
+            elif record.op == CONNECTION:
+                self._connect(record.fields, self._data(record, MAXCONNECTION_BYTES))
         if pending is not None:
             yield from self._chunk(pending)
 
@@ -104,15 +110,15 @@ class Ros1Log(ChunkedLog):
         bag = self._record_at(len(MAGIC))
         if bag is None or bag.op != _BAG:
             return False
-        start, count = _number(bag.fields, b"index_pos", 8), _number(bag.fields, b"conn_count", 4)
+        start, count = number_of(bag.fields, b"index_pos", 8), number_of(bag.fields, b"conn_count", 4)
         if not start or start > self._bytes:
             return False
         messages = 0
         for record in self._records(start):
-            if isinstance(record, _Record) and record.op == _CONNECTION:
-                self._connect(record.fields, self._data(record, MAX_CONNECTION_BYTES))
+            if isinstance(record, _Record) and record.op == CONNECTION:
+                self._connect(record.fields, self._data(record, MAXCONNECTION_BYTES))
             elif isinstance(record, _Record) and record.op == _INFO:
-                counts = np.frombuffer(self._data(record, MAX_CONNECTION_BYTES), np.uint8)
+                counts = np.frombuffer(self._data(record, MAXCONNECTION_BYTES), np.uint8)
                 messages += int(counts[: counts.size // 8 * 8].view("<u4")[1::2].sum())
             else:
                 return False
@@ -124,7 +130,7 @@ class Ros1Log(ChunkedLog):
         while at < self._bytes:
             record = self._record_at(at)
             if record is None:
-                found = self._find(at + 1, frozenset({_INDEX, _CHUNK, _INFO, _CONNECTION}))
+                found = self._find(at + 1, frozenset({_INDEX, _CHUNK, _INFO, CONNECTION}))
                 yield Lost(1, "the bag is damaged here" if found < self._bytes else "the bag is cut off here")
                 at = found
                 continue
@@ -142,18 +148,22 @@ class Ros1Log(ChunkedLog):
         if len(head) < 4 or not 0 < length <= MAX_HEADER_BYTES:
             return None
         header = self._file.read(length + 4)
-        fields = _fields(header[:length])
+        fields = fields_of(header[:length])
         if len(header) < length + 4 or fields is None or len(fields.get(b"op", b"")) != 1:
             return None
         op = fields[b"op"][0]
-        return _Record(op, fields, at + 8 + length, _U4.unpack_from(header, length)[0]) if _MESSAGE <= op <= _CONNECTION else None
+        return (
+            _Record(op, fields, at + 8 + length, int.from_bytes(header[length : length + 4], "little"))
+            if MESSAGE <= op <= CONNECTION
+            else None
+        )
 
     def _find(self, at: int, ops: frozenset[int]) -> int:
         """Return where the next record of such an operation starts, the end of the file if nowhere."""
         while at < self._bytes:
             self._file.seek(at)
             window = self._file.read(_WINDOW_BYTES + 64)
-            for match in _START.finditer(window, 0, _WINDOW_BYTES + 64):
+            for match in START.finditer(window, 0, _WINDOW_BYTES + 64):
                 record = self._record_at(at + match.start())
                 if record is not None and record.op in ops and match.start() < _WINDOW_BYTES:
                     return at + match.start()
@@ -168,33 +178,33 @@ class Ros1Log(ChunkedLog):
         entries = np.frombuffer(self._data(record, MAX_CHUNK_BYTES), np.uint8)
         return entries[: entries.size // 12 * 12].view("<u4")[2::3].astype(np.int64)
 
-    def _connect(self, fields: _Fields, data: bytes) -> None:
+    def _connect(self, fields: Fields, data: bytes) -> None:
         """Learn of a connection."""
-        about = _fields(data)
-        number = _number(fields, b"conn", 4)
+        about = fields_of(data)
+        number = number_of(fields, b"conn", 4)
         if about is None or number is None:
             return
         name, kind, text = (
             value.decode("utf-8", "replace")
             for value in (fields.get(b"topic", b"?"), about.get(b"type", b"?"), about.get(b"message_definition", b""))
         )
-        self._connections.setdefault(number, self.number_of(name, normal_name(kind), "ros1", text, "ros1msg"))
+        self._connections.setdefault(number, self.topic_number(name, normal_name(kind), "ros1", text, "ros1msg"))
 
     def _chunk(self, pending: _Pending) -> Iterator[Messages | Lost]:
         """Yield a chunk's messages, and what of it is lost."""
         record = pending.record
         declared = sum(part.size for part in pending.offsets)
-        size = _number(record.fields, b"size", 4)
+        size = number_of(record.fields, b"size", 4)
         if size is None or max(size, record.size) > MAX_CHUNK_BYTES:
             yield Lost(max(declared, 1), f"the chunk does not have a size of at most {MAX_CHUNK_BYTES:,} bytes")
             return
         packing = record.fields.get(b"compression", b"none").decode("ascii", "replace")
         unpacked, wrong = unpack(self._data(record, MAX_CHUNK_BYTES), packing, size)
         octets = np.frombuffer(unpacked, np.uint8)
-        starts = None if wrong else _indexed(octets, pending.offsets)
+        starts = None if wrong else indexed(octets, pending.offsets)
         gaps = 0
         if starts is None:
-            starts, gaps = _walk(unpacked)
+            starts, gaps = walk(unpacked)
         messages, strange = self._messages(octets, starts)
         yield messages
         gaps += strange
@@ -210,14 +220,14 @@ class Ros1Log(ChunkedLog):
             index = np.flatnonzero(lengths == length)
             while index.size:
                 heads = windows(octets, length)[starts[index] + 4].view(np.uint8).reshape(index.size, length)
-                fields = _fields(heads[0].tobytes()) or {}
-                if _is_message(fields) and len(parts) < _MAX_HEADS:
-                    conns, stamps, same = _heads(heads)
+                fields = fields_of(heads[0].tobytes()) or {}
+                if is_message(fields) and len(parts) < _MAX_HEADS:
+                    conns, stamps, same = heads_of(heads)
                     parts.append((index[same], conns, stamps))
                     index = index[~same]
                     continue
-                if fields.get(b"op") == bytes([_CONNECTION]):
-                    self._connect(fields, _data_of(octets, int(starts[index[0]])))
+                if fields.get(b"op") == bytes([CONNECTION]):
+                    self._connect(fields, data_of(octets, int(starts[index[0]])))
                 else:
                     strange += 1
                 index = index[1:]
@@ -231,86 +241,3 @@ class Ros1Log(ChunkedLog):
         known, inverse = np.unique(conns, return_inverse=True)
         numbers = np.array([self._connections.get(conn, -1) for conn in known.tolist()], np.int64)[inverse]
         return Messages(octets, numbers, stamps, payloads, gather(octets, "<u4", payloads - 4)), strange
-
-
-def _is_message(fields: _Fields) -> bool:
-    return fields.get(b"op") == bytes([_MESSAGE]) and len(fields.get(b"conn", b"")) == 4 and len(fields.get(b"time", b"")) == 8
-
-
-def _fields(header: bytes) -> _Fields | None:
-    """Return the fields of a header, None where it is none."""
-    fields, at = {}, 0
-    while at < len(header):
-        if at + 4 > len(header):
-            return None
-        end = at + 4 + _U4.unpack_from(header, at)[0]
-        name, equals, value = header[at + 4 : end].partition(b"=")
-        if end > len(header) or not equals:
-            return None
-        fields[name] = value
-        at = end
-    return fields
-
-
-def _number(fields: _Fields, name: bytes, size: int) -> int | None:
-    value = fields.get(name, b"")
-    return int.from_bytes(value, "little") if len(value) == size else None
-
-
-def _data_of(octets: NDArray[np.uint8], start: int) -> bytes:
-    header = _U4.unpack_from(octets.data, start)[0]
-    size = _U4.unpack_from(octets.data, start + 4 + header)[0]
-    return octets[start + 8 + header : start + 8 + header + size].tobytes()
-
-
-def _heads(heads: NDArray[np.uint8]) -> tuple[_Integers, _Integers, NDArray[np.bool_]]:
-    """Return connection and stamp of those message headers that are laid out as the first is, and which those are."""
-    first = heads[0].tobytes()
-    values = {name: first.index(name + b"=") + len(name) + 1 for name in (b"conn", b"time")}
-    fixed = np.ones(heads.shape[1], bool)
-    fixed[values[b"conn"] : values[b"conn"] + 4] = fixed[values[b"time"] : values[b"time"] + 8] = False
-    same = (heads[:, fixed] == heads[0, fixed]).all(axis=1)
-    mine = heads[same]
-    conns, seconds, nanoseconds = (
-        np.ascontiguousarray(mine[:, at : at + 4]).view("<u4")[:, 0].astype(np.int64)
-        for at in (values[b"conn"], values[b"time"], values[b"time"] + 4)
-    )
-    return conns, seconds * 1_000_000_000 + nanoseconds, same
-
-
-def _indexed(octets: NDArray[np.uint8], offsets: list[_Integers]) -> _Integers | None:
-    """Return where the index says that messages start if that is all there is in the chunk, else None."""
-    starts = np.sort(np.concatenate(offsets)) if offsets else np.empty(0, np.int64)
-    if not starts.size or starts[0] or starts[-1] > octets.size - 8:
-        return None
-    data = starts + 4 + gather(octets, "<u4", starts)
-    if data.max() > octets.size - 4:
-        return None
-    ends = data + 4 + gather(octets, "<u4", data)
-    return starts if np.array_equal(ends, np.append(starts[1:], octets.size)) else None
-
-
-def _walk(octets: bytes) -> tuple[_Integers, int]:
-    """Walk a chunk's records; return where they start, and at how many places there is something else."""
-    starts, at, gaps, end = [], 0, 0, len(octets)
-    while at < end:
-        data = at + 4 + _U4.unpack_from(octets, at)[0] if at + 8 <= end else end
-        after = data + 4 + _U4.unpack_from(octets, data)[0] if data + 4 <= end else end + 1
-        if after <= end and octets.find(b"op=", at + 4, data) >= 0:
-            starts.append(at)
-            at = after
-            continue
-        gaps += 1
-        at = _next(octets, at + 1)
-    return np.array(starts, np.int64), gaps
-
-
-def _next(octets: bytes, at: int) -> int:
-    """Return where the next message or connection starts, the end if nowhere."""
-    for match in _START.finditer(octets, at):
-        start = match.start()
-        length = _U4.unpack_from(octets, start)[0]
-        fields = _fields(octets[start + 4 : start + 4 + length])
-        if fields and fields.get(b"op") in (bytes([_MESSAGE]), bytes([_CONNECTION])) and b"conn" in fields:
-            return start
-    return len(octets)

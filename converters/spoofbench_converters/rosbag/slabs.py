@@ -169,7 +169,7 @@ class ChunkedLog:
         """All topics."""
         return tuple(self._topics)
 
-    def number_of(self, name: str, kind: str, encoding: str, definition: str, form: str) -> int:
+    def topic_number(self, name: str, kind: str, encoding: str, definition: str, form: str) -> int:
         """Return the number of a topic; connections that tell the same of it are one.
 
         Raises:
