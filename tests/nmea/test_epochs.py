@@ -1,8 +1,10 @@
 """Which sentences make an epoch, whatever order a receiver has; and laws of the decoder as a whole."""
 
+import re
 from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -238,9 +240,15 @@ def test_an_epoch_is_bounded(nmea: ModuleType, monkeypatch: pytest.MonkeyPatch) 
     assert_same_in_pieces(nmea, octets, range(0, len(octets), 700))
 
 
+TIMES = st.sampled_from(["120000.00", "120001.00", "120001.10", "120001", "120000", ""])
 BODIES = st.one_of(
-    st.builds(gga, st.sampled_from(["120000.00", "120001.00", "120000", ""]), st.sampled_from(["GP", "GN"]), quality=st.integers(0, 9)),
-    st.builds(rmc, st.sampled_from(["120000.00", "120001.00", "120001", ""]), st.sampled_from(["GP", "AP"]), status=st.sampled_from("AV")),
+    st.builds(
+        gga,
+        st.sampled_from(["120000.00", "120001.00", "120001.10", "120000", ""]),
+        st.sampled_from(["GP", "GN"]),
+        quality=st.integers(0, 9),
+    ),
+    st.builds(rmc, TIMES, st.sampled_from(["GP", "AP"]), status=st.sampled_from("AV")),
     st.sampled_from([*gsv(40), gsa(2.0), "GPVTG,,,,,,,,,N", "GPHDT,1.0,T", "GPZDA,120001,01,03,2024,00,00", "GPXYZ,1", "PABC,1", "PUBX,9"]),
     st.sampled_from(
         ["GNGRS,120000.00,1,0.1,,,,,,,,,,,,1,1", "GPDTM,P90,,0.0,N,0.0,E,0.0,W84", "VNIMU,1,2,3,4,5,6,7,8,9,20,101.3", "GPGSV,,,,"]
@@ -248,11 +256,25 @@ BODIES = st.one_of(
 )
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(max_examples=150, suppress_health_check=[HealthCheck.too_slow], deadline=None)
 @given(bodies=st.lists(BODIES, min_size=1, max_size=40), cuts=st.lists(st.integers(0, 3000), max_size=8))
 def test_pieces_make_no_difference_and_every_byte_has_an_owner(nmea: ModuleType, bodies: list[str], cuts: Sequence[int]) -> None:
-    octets = nmea.log(*bodies)
-    assert_same_in_pieces(nmea, octets, cuts)
+    with patch("spoofbench_converters.nmea.receivers.JUDGED", 5), patch("spoofbench_converters.nmea.epochs.MAX_SENTENCES", 12):
+        assert_same_in_pieces(nmea, nmea.log(*bodies), cuts)
+
+
+def test_times_are_remembered_from_piece_to_piece(nmea: ModuleType) -> None:
+    """A time that comes again is no new one, though the epoch that had it first is given already."""
+    empty = "GPRMC,,V,,,,,,,,,,N"
+    inertial = ["VNIMU,1,2,3,4,5,6,7,8,9,20,101.3"] * 20
+    fix = "GPGLL,4717.1133,N,00834.0000,E,120001.10,A,A"
+    for tail in ([empty, empty, fix], [empty, empty, "GPZDA,120001,01,03,2024,00,00"], [*inertial, empty, fix]):
+        octets = nmea.log(gga("120000.10"), gga("120001.10"), *tail)
+        with patch("spoofbench_converters.nmea.receivers.JUDGED", 1), patch("spoofbench_converters.nmea.epochs.MAX_SENTENCES", 12):
+            epochs, _, _ = nmea.decode([nmea.frames(octets)])
+            assert_same_in_pieces(nmea, octets, [line.start() + 1 for line in re.finditer(rb"\n", octets)])
+        rows = nmea.rows(epochs, "gnss0", "gnss/pvt")
+        assert len(rows) == 3, tail
 
 
 def test_real_logs_in_pieces(real_log: Any, nmea: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:

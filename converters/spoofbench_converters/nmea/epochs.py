@@ -107,8 +107,7 @@ def divide(frames: Columns, segment: Ints, before: Before, habits: Habits) -> Di
         opens[timed] = (tod_ns[timed] != np.append(before.tod_ns, tod_ns[timed[:-1]])) | new_segment
     repeating = np.flatnonzero(_REPEATING[frames["code"]])
     border = np.append(np.ones(min(n, 1), bool), segment[1:] != segment[:-1])
-    repeated = _repeated(frames, repeating, segment, habits.clock_stands)
-    _open_at_repetition(frames, repeating[~repeated[repeating]], np.cumsum(opens | border), opens)
+    _open_at_repetition(frames, repeating, np.cumsum(opens | border), opens, habits.clock_stands)
     anchors = np.flatnonzero((tod_ns != ABSENT_NS) | _REPEATING[frames["code"]])
     starts = _with_what_leads(frames, np.flatnonzero(opens), anchors, border, habits.gsv_first)
     return Division(starts | border, tod_ns, fine)
@@ -175,20 +174,6 @@ def _lag(time_ns: Ints, since_ns: Ints) -> Ints:
     return np.where(known, nearest_turn(np.where(known, time_ns, 0) - np.where(known, since_ns, 0)), -1)
 
 
-def _repeated(frames: Columns, repeating: Ints, segment: Ints, clock_stands: bool) -> Bools:
-    """Which sentences say again what the last one of their type and talker said; with a clock that stands, right after it."""
-    repeated = np.zeros(frames["code"].size, bool)
-    later, earlier = _again(frames, repeating, segment)
-    same = frames["tod_ns"][later] != ABSENT_NS
-    for name in ("tod_ns", "lat_deg", "lon_deg"):
-        values = frames[name]
-        same &= (values[later] == values[earlier]) | ((values[later] != values[later]) & (values[earlier] != values[earlier]))
-    if clock_stands:
-        same &= np.searchsorted(repeating, later) - np.searchsorted(repeating, earlier) == 1
-    repeated[later[same]] = True
-    return repeated
-
-
 def _again(frames: Columns, repeating: Ints, run: Ints) -> tuple[Ints, Ints]:
     """Sentences of whose type and talker there was one before in their run, in file order, and those before them."""
     identity = frames["talker"][repeating] * len(CODES) + frames["code"][repeating]
@@ -199,11 +184,17 @@ def _again(frames: Columns, repeating: Ints, run: Ints) -> tuple[Ints, Ints]:
     return ordered[again + 1][by_place], ordered[again][by_place]
 
 
-def _open_at_repetition(frames: Columns, repeating: Ints, run: Ints, opens: Bools) -> None:
-    """Open an epoch where a sentence of the epoch comes again within a run of one time."""
+def _open_at_repetition(frames: Columns, repeating: Ints, run: Ints, opens: Bools, clock_stands: bool) -> None:
+    """Open an epoch where a sentence of the epoch comes again, saying something else, within a run of one time."""
     later, earlier = _again(frames, repeating, run)
+    same = frames["tod_ns"][later] != ABSENT_NS
+    for name in ("tod_ns", "lat_deg", "lon_deg"):
+        values = frames[name]
+        same &= (values[later] == values[earlier]) | ((values[later] != values[later]) & (values[earlier] != values[earlier]))
+    if clock_stands:
+        same &= np.searchsorted(repeating, later) - np.searchsorted(repeating, earlier) == 1
     start = -1
-    for place, last in zip(later.tolist(), earlier.tolist(), strict=True):
+    for place, last in zip(later[~same].tolist(), earlier[~same].tolist(), strict=True):
         if last >= start:
             opens[place] = True
             start = place
