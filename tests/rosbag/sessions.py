@@ -6,6 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
@@ -109,6 +112,23 @@ def write_ros2(path: Path, messages: Sequence[Message], storage: str = "SQLITE3"
                 connections[message.topic] = writer.add_connection(message.topic, message.type, typestore=store)
             data = store.serialize_cdr(build(store, message.type, message.values), message.type)
             writer.write(connections[message.topic], message.stamp_ns, data)
+    return path
+
+
+def rewrite(bag: Path, path: Path, compression: CompressionType, **options: Any) -> Path:
+    """Write an MCAP bag again by the mcap library, in small chunks with checksums."""
+    with bag.open("rb") as read, path.open("wb") as written:
+        writer = McapWriter(written, chunk_size=20_000, compression=compression, **options)
+        writer.start("ros2")
+        schemas: dict[int, int] = {}
+        channels: dict[int, int] = {}
+        for schema, channel, message in make_reader(read).iter_messages():
+            assert schema is not None
+            if channel.id not in channels:
+                schemas.setdefault(schema.id, writer.register_schema(schema.name, schema.encoding, schema.data))
+                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, schemas[schema.id])
+            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
+        writer.finish()
     return path
 
 

@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
+from mcap.writer import CompressionType, IndexType
 from spoofbench_converters import rosbag
 
 from spoofbench.converting import Source
@@ -117,27 +115,18 @@ def test_split_bags(storage: str, sessions: Any, expected: Any, convert_bag: Con
     assert any("missing" in reason for reason in hurt.reasons)
 
 
-@pytest.mark.parametrize("options", [{"use_chunking": False}, {"use_statistics": False, "use_summary_offsets": False}, {"index_types": 0}])
+@pytest.mark.parametrize(
+    "options", [{"use_chunking": False}, {"use_statistics": False, "use_summary_offsets": False}, {"index_types": IndexType.NONE}]
+)
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_mcap_of_other_writers(
     options: dict[str, Any], compression: CompressionType, sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path
 ) -> None:
     bag = next(sessions.write_ros2(tmp_path / "bag", sessions.drive(40), "MCAP").glob("*.mcap"))
-    again = tmp_path / "again.mcap"
-    if "index_types" in options:
-        from mcap.writer import IndexType
+    same(convert_bag(sessions.rewrite(bag, tmp_path / "again.mcap", compression, **options)), expected)
 
-        options = {"index_types": IndexType.NONE}
-    with bag.open("rb") as read, again.open("wb") as written:
-        writer = McapWriter(written, chunk_size=20_000, compression=compression, **options)
-        writer.start("ros2")
-        schemas: dict[int, int] = {}
-        channels: dict[int, int] = {}
-        for schema, channel, message in make_reader(read).iter_messages():
-            assert schema is not None
-            if channel.id not in channels:
-                schemas.setdefault(schema.id, writer.register_schema(schema.name, schema.encoding, schema.data))
-                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, schemas[schema.id])
-            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
-        writer.finish()
-    same(convert_bag(again), expected)
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_packed_messages_of_a_lone_file(storage: str, sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path) -> None:
+    folder = sessions.write_ros2(tmp_path / "bag", sessions.drive(40), storage, "MESSAGE")
+    same(convert_bag(next(path for path in folder.iterdir() if path.suffix != ".yaml")), expected)

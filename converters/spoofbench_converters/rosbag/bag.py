@@ -87,9 +87,7 @@ class Bag:
             if isinstance(item, Reject):
                 yield replace(item, offset=item.offset + base)
             else:
-                if self._location.packing:
-                    item = unpacked_messages(item)
-                yield _renumbered(item, numbers, base)
+                yield _renumbered(unpacked_messages(item), numbers, base)
             self.records = base + log.records
         self.records = base + log.records
 

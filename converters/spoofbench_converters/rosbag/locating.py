@@ -37,13 +37,11 @@ class Location:
         files: in their order; None for one that is missing.
         counts: how many messages its metadata declare for each, 0 where they do not say.
         declared: how many messages they declare in all, 0 where they do not say.
-        packing: of each message by itself: empty or ``zstd``.
     """
 
     files: tuple[Named | None, ...]
     counts: tuple[int, ...]
     declared: int = 0
-    packing: str = ""
 
 
 def surety(source: Source) -> float:
@@ -91,7 +89,7 @@ def _described(bag: str, members: Mapping[str, Any], name: str) -> Location:
     if not any(files):
         raise ConversionError(f"the bag {bag!r} lacks its file {PurePosixPath(names[0]).name!r}")
     declared = about.get("message_count")
-    return Location(tuple(files), _counts(about, len(names)), declared if isinstance(declared, int) else 0, "zstd" if by_message else "")
+    return Location(tuple(files), _counts(about, len(names)), declared if isinstance(declared, int) else 0)
 
 
 def _counts(about: Mapping[str, Any], files: int) -> tuple[int, ...]:
