@@ -165,6 +165,22 @@ def test_a_clock_that_jumps_back(convert_text: Convert) -> None:
     assert appended.total == len(log)
 
 
+@quick
+@given(
+    st.lists(st.sampled_from([1, 2, 5, 10, 900, 1100, 5000, -5, -900, -1100, -50_000, 50_000]), min_size=1, max_size=60),
+    st.sampled_from([1, 16, 50]),
+)
+def test_appending_does_not_depend_on_pieces(convert_text: Convert, monkeypatch: pytest.MonkeyPatch, steps: list[int], piece: int) -> None:
+    log = "t,ax,ay,az\n" + "".join(f"{time / 1000},1,2,3\n" for time in np.cumsum([10**6, 10, *steps]).tolist())
+    whole = convert_text(log, append_clock=True)
+    with monkeypatch.context() as patch:
+        patch.setattr(text, "PIECE_BYTES", piece)
+        cut = convert_text(log, append_clock=True)
+    assert _times(whole) == _times(cut)
+    assert whole.metadata == cut.metadata
+    assert whole.total == cut.total == len(log)
+
+
 TOPICS = """
 clock = "sensor"
 [table.log]

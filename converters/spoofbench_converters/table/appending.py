@@ -24,8 +24,9 @@ class Appending:
         self.step_count = 0
         self._window_ns = window_ns
         self._added_ns = 0
-        self._interval_ns = 0
-        self._before: list[int] = []  # the log's own time of the last row that was given
+        self._interval_ns = 0  # the last one of the clock that is no jump
+        self._before_ns: int | None = None  # the log's own time of the last row that was given, and whether that leapt
+        self._leapt = False
         self._last: Columns = {}  # the newest row: whether it leaps shows with the next
 
     def push(self, columns: Columns) -> Columns:
@@ -43,30 +44,26 @@ class Appending:
         own = rows["time_ns"]
         if not own.size:
             return rows
-        times = np.concatenate([self._before, own]).astype(np.int64)
-        after = np.append(own[1:], own[-1] if following is None else following)
-        steps = np.diff(times, prepend=times[:1])[-own.size :]
+        steps = np.diff(own, prepend=own[0] if self._before_ns is None else self._before_ns)
         before = own - steps
-        lone = (steps > self._window_ns) & (own - after > self._window_ns) & (after >= before - self._window_ns)
-        back = np.flatnonzero((steps < -self._window_ns) & ~np.append(False, lone[:-1])[: own.size])
+        after = np.append(own[1:], own[-1] if following is None else following)
+        leaps = (steps > self._window_ns) & (own - after > self._window_ns) & (after >= before - self._window_ns)
+        returns = np.append(self._leapt, leaps[:-1])
+        back = np.flatnonzero((steps < -self._window_ns) & ~returns)
+        intervals = self._intervals(steps)
         added = np.zeros(own.size, np.int64)
-        for place in back.tolist():
-            self._remember(rows, place, int(before[place]), self._interval_before(steps, place))
-            added[place] = self._interval_ns - int(steps[place])
+        added[back] = intervals[back] - steps[back]
+        for place in back[: max(MAX_STEPS - len(self.steps), 0)].tolist():
+            self.steps.append({"offset": int(rows["offset"][place]), "from_ns": int(before[place]), "to_ns": int(own[place])})
+        self.step_count += back.size
         moved = own + self._added_ns + np.cumsum(added)
-        self._interval_ns = self._interval_before(steps, own.size)
         self._added_ns += int(added.sum())
-        self._before = [int(own[-1])]
+        self._interval_ns = int(intervals[-1])
+        self._before_ns, self._leapt = int(own[-1]), bool(leaps[-1])
         return {**rows, "time_ns": moved}
 
-    def _interval_before(self, steps: NDArray[np.int64], place: int) -> int:
-        """Return the last interval of the clock before a row, as long as a step back is no interval."""
-        recent = steps[max(place - 16, 0) : place]
-        forward = recent[(recent > 0) & (recent <= self._window_ns)]
-        return int(forward[-1]) if forward.size else self._interval_ns
-
-    def _remember(self, rows: Columns, place: int, before_ns: int, interval_ns: int) -> None:
-        self._interval_ns = interval_ns
-        self.step_count += 1
-        if len(self.steps) < MAX_STEPS:
-            self.steps.append({"offset": int(rows["offset"][place]), "from_ns": before_ns, "to_ns": int(rows["time_ns"][place])})
+    def _intervals(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return at each row the last interval up to it that is forward and no jump."""
+        regular = (steps > 0) & (steps <= self._window_ns)
+        latest = np.maximum.accumulate(np.where(regular, np.arange(steps.size), -1))
+        return np.where(latest < 0, self._interval_ns, steps[np.maximum(latest, 0)])
