@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from spoofbench.integrity import Run, Scenario, load_scenario, monitor_of, monitored, studies, worst_case, worst_fault
-from spoofbench.reproducing import new_figure, save_figure, save_table
+from spoofbench.reproducing import make_folder, new_figure, save_figure, save_table
 from spoofbench.results import write_whole
 
 PERIODS = (0.8, 0.9, 1.0, 1.1, 1.25, 1.5)
@@ -36,6 +36,7 @@ def assess(path: Path, out: Path, progress: Callable[[float], None]) -> dict[str
         ScenarioError: the scenario cannot be read or makes no sense.
     """
     scenario = load_scenario(path)
+    make_folder(out)
     periods = [round(scenario.period_s * factor, 3) for factor in PERIODS]
     run = monitored(scenario, max(periods))
     progress(0.2)

@@ -233,20 +233,55 @@ def report(
 
 
 @app.command()
+def reproduce(
+    papers: Annotated[list[str], typer.Argument(metavar="PAPER...", help="lo2017, borio, tanil2018, kujur.")],
+    out: Annotated[Path, typer.Option("-o", help="Folder; each paper gets one in it.")],
+    data: Annotated[Path, typer.Option(help="Folder of further logs, where there is one.")] = Path("../shared/data"),
+    quick: Annotated[bool, typer.Option("--quick", help="A short form with fewer seeds.")] = False,
+) -> None:
+    """Put a paper's tables and figures beside ours."""
+    _calm_threads()
+    from spoofbench.reproducing import as_rows, reproduce_paper
+
+    with progress_bars() as progress:
+        pages = [reproduce_paper(paper, out / paper, data if data.is_dir() else None, quick, progress(paper)) for paper in papers]
+    for page, reproduced in pages:
+        print_lines([*as_rows(reproduced), f"report: {page}"])
+
+
+@app.command()
+def integrity(
+    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO.toml")],
+    out: Annotated[Path, typer.Option("-o", help="Folder for tables and pictures.")],
+    as_json: AsJson = False,
+) -> None:
+    """Assess an innovation monitor: slope, worst-case fault, integrity risk."""
+    _calm_threads()
+    from spoofbench.assessing import assess
+
+    with progress_bars() as progress:
+        summary = assess(scenario, out, progress(scenario.stem))
+    if as_json:
+        print_json(summary)
+    else:
+        print_lines([*(f"{name:<22}{value:.6g}" for name, value in summary.items()), f"tables and pictures: {out}"])
+
+
+@app.command()
 def plugins(as_json: AsJson = False) -> None:
-    """List converters, attacks and detectors."""
+    """List converters, attacks, detectors and reproductions."""
     from spoofbench import plugins as installed
 
     rows = [
         {"kind": group.removeprefix("spoofbench.").removesuffix("s"), "name": p.name, "distribution": p.distribution, "version": p.version}
-        for group in (installed.CONVERTERS, installed.ATTACKS, installed.DETECTORS)
+        for group in (installed.CONVERTERS, installed.ATTACKS, installed.DETECTORS, installed.REPRODUCTIONS)
         for p in installed.found(group).values()
     ]
     if as_json:
         print_json(rows)
     else:
         for row in rows:
-            typer.echo(f"{row['kind']:<10} {row['name']:<20} {row['distribution']} {row['version']}")
+            typer.echo(f"{row['kind']:<12} {row['name']:<20} {row['distribution']} {row['version']}")
 
 
 @app.command()
@@ -285,6 +320,14 @@ def main() -> None:
 def _fail(reason: str) -> NoReturn:
     complain(reason)
     sys.exit(1)
+
+
+def _calm_threads() -> None:
+    """Keep linear algebra on one thread: threads only slow small matrices down."""
+    import os
+
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
 
 
 def _leaderboard(results: Path) -> None:

@@ -12,6 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
+from spoofbench import plugins
+from spoofbench.errors import ResultsError
 from spoofbench.results import write_whole
 
 if TYPE_CHECKING:
@@ -81,6 +83,37 @@ class Reproduction(Protocol):
             progress: is told the share that is done, 0 to 1.
         """
         ...
+
+
+def reproduce_paper(name: str, out: Path, data: Path | None, quick: bool, progress: Progress) -> tuple[Path, Reproduced]:
+    """Run a reproduction and write its pages; return the page's path and what was found.
+
+    Raises:
+        PluginError: there is no reproduction of this name, or it cannot be loaded.
+    """
+    reproduction: Reproduction = plugins.find(plugins.REPRODUCTIONS, name).load()
+    make_folder(out)
+    found = reproduction.reproduce(out, data, quick, progress)
+    progress(1.0)
+    return write_pages(out, reproduction, found), found
+
+
+def as_rows(found: Reproduced) -> list[str]:
+    """Return the cells and the tally as lines for a terminal."""
+    lines = [f"{cell.verdict:<25}{shown(cell.printed):>12} {shown(cell.ours):>14}  {cell.item}" for cell in found.cells]
+    return [f"{'verdict':<25}{'printed':>12} {'ours':>14}  item", *lines, ", ".join(f"{k}: {n}" for k, n in tally(found.cells).items())]
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder and those above it.
+
+    Raises:
+        ResultsError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ResultsError(f"the folder {str(path)!r} cannot be made: {error.strerror or error}") from error
 
 
 def save_figure(figure: "Figure", path: Path) -> None:
