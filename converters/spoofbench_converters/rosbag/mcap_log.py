@@ -15,7 +15,7 @@ import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Footer, Schema, Statistics
+from mcap.records import Channel, Footer, Schema
 from numpy.typing import NDArray
 
 from spoofbench.errors import ConversionError
@@ -42,6 +42,8 @@ MAX_RECORD_BYTES = 4 << 20
 MAX_SUMMARY_BYTES = 64 << 20
 
 _FOOTER_BYTES = 20
+_COUNTS = struct.Struct("<QHI")  # statistics begin with those of messages, schemas and channels
+_MOST_MESSAGES_PER_BYTE = 64  # a larger count is damaged
 _DAMAGED = "the chunk is damaged here"
 
 _Integers = NDArray[np.int64]
@@ -136,9 +138,9 @@ class McapLog(ChunkedLog):
             opcode, length = HEAD.unpack_from(summary, start)
             content = summary[start + HEAD.size : start + HEAD.size + length]
             self._learn(opcode, content)
-            if opcode == Opcode.STATISTICS and length >= 42:
-                statistics = Statistics.read(ReadDataStream(BytesIO(content)))
-                self.expected, channels = statistics.message_count, statistics.channel_count
+            if opcode == Opcode.STATISTICS and length >= _COUNTS.size:
+                messages, _, channels = _COUNTS.unpack_from(content)
+                self.expected = messages if messages <= _MOST_MESSAGES_PER_BYTE * self._bytes else 0
         return end == len(summary) and bool(self._channels) and len(self._channels) >= channels
 
     def _records(self, at: int) -> Iterator[tuple[int, int, int] | Lost]:
