@@ -20,8 +20,9 @@ from spoofbench.schema import split_topic
 from spoofbench_converters.table.anchoring import start_of
 from spoofbench_converters.table.export import export
 from spoofbench_converters.table.mapping import Mapping, load_mapping
+from spoofbench_converters.table.reading import rows
 from spoofbench_converters.table.rows import Topics
-from spoofbench_converters.table.session import open_session, rows, sniff
+from spoofbench_converters.table.session import open_session, sniff
 
 __all__ = ["UNIT", "VERSION", "Options", "convert", "export", "load_mapping", "sniff"]
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from spoofbench.errors import ConversionError
 from spoofbench_converters.table.fields import TimeSpec, moment_ns
 from spoofbench_converters.table.mapping import Anchor, TableSpec
-from spoofbench_converters.table.session import Session, rows
+from spoofbench_converters.table.reading import rows
+from spoofbench_converters.table.session import Session
 from spoofbench_converters.table.text import Rows
 from spoofbench_converters.table.times import DAY_NS, SECOND_NS, Clock, gps_to_utc
 

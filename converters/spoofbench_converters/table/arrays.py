@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from spoofbench.errors import ConversionError, LimitError
 from spoofbench_converters.table.text import Rows
 
-MAX_FILE_BYTES = 2 * 2**30
 MAX_ARRAY_BYTES = 2**30
 BATCH_ROWS = 65_536
 

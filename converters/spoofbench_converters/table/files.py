@@ -1,0 +1,106 @@
+"""The files of a session: of a folder, an archive, or alone."""
+
+import fnmatch
+import io
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import IO, Literal
+
+from spoofbench.converting import Member, Source
+from spoofbench.converting.sources import HEAD_BYTES
+from spoofbench.errors import LimitError
+
+MAX_FILE_BYTES = 2 * 2**30
+
+FileFormat = Literal["csv", "parquet", "mat", "npy"]
+
+
+@dataclass(frozen=True, slots=True)
+class File:
+    """A file of a session.
+
+    Attributes:
+        name: path within the folder or archive.
+        head: its first bytes.
+        share: of a file that holds several tables, how many of its bytes are accounted to this one.
+    """
+
+    name: str
+    content: Source | Member
+    head: bytes
+    share: int | None = None
+
+    @property
+    def format(self) -> FileFormat:
+        if self.head.startswith(b"PAR1"):
+            return "parquet"
+        if self.head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")):
+            return "mat"
+        return "npy" if self.head.startswith(b"\x93NUMPY") else "csv"
+
+    def open(self) -> IO[bytes]:
+        return self.content.open()
+
+    def whole(self) -> bytes:
+        """Return the file's bytes.
+
+        Raises:
+            LimitError: it is too large for a format that cannot be streamed.
+        """
+        with self.open() as file:
+            content = file.read(MAX_FILE_BYTES + 1)
+        if len(content) > MAX_FILE_BYTES:
+            raise LimitError(f"{self.name!r} has more than {MAX_FILE_BYTES:,} bytes")
+        return content
+
+    def seekable(self) -> IO[bytes]:
+        """Return the file as one that can be read in any order: from a copy where it is packed."""
+        file = self.open()
+        if _is_plain(file):
+            return file
+        with file:
+            copy = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it
+            shutil.copyfileobj(file, copy, 2**20)
+        copy.seek(0)
+        return copy
+
+    def size(self) -> int | None:
+        """Return how many bytes it has, None where that shows only when it is unpacked."""
+        if self.share is not None:
+            return self.share
+        if isinstance(self.content, Member):
+            return self.content.size
+        with self.open() as file:
+            return self.content.path.stat().st_size if _is_plain(file) else None
+
+
+def _is_plain(file: IO[bytes]) -> bool:
+    """Whether a file is read from the disk as it is."""
+    return isinstance(file, io.BufferedReader) and isinstance(file.raw, io.FileIO)
+
+
+def files_of(source: Source, patterns: Sequence[str] | None = None) -> list[File]:
+    """Return the files of a log, those that fit a pattern if there are patterns; of a hidden one no head is read."""
+    members = source.members()
+    if not members:
+        return [File(source.path.name, source, source.head)]
+    found = []
+    for name, member in members.items():
+        if patterns is not None and not any(fits(name, pattern) for pattern in patterns):
+            continue
+        hidden = any(part.startswith((".", "__MACOSX")) for part in name.split("/"))
+        with member.open() as file:
+            found.append(File(name, member, b"" if hidden else file.read(HEAD_BYTES)))
+    return found
+
+
+def fits(name: str, pattern: str) -> bool:
+    """Whether a path fits a pattern; one without a slash is held against the file's own name."""
+    return fnmatch.fnmatchcase(name if "/" in pattern else name.rpartition("/")[2], pattern)
+
+
+def array_name(file: File) -> str:
+    """Return the name of an array: its folder's and its own."""
+    return "/".join(file.name.removesuffix(".npy").split("/")[-2:])
