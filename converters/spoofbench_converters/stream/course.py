@@ -158,6 +158,8 @@ class Course:
         if 0 <= step < rules.gap_ns:
             track.go(clock, max(clock + track.lead_ns, track.time_ns))
             return track.time_ns, TIMED
+        if rules.by_recorder and step < 0 and not rules.append:
+            return ABSENT_NS, BACKWARDS
         if ahead and ahead[0] != ABSENT_NS and 0 <= ahead[0] - track.clock_ns < rules.gap_ns:
             self.steps.note(offset, track.clock_ns, clock)
             track.time_ns = max(min(nominal, ahead[0] + track.lead_ns), track.time_ns)
@@ -165,11 +167,12 @@ class Course:
         if rules.by_recorder and step > 0:
             track.clock_ns, track.time_ns = clock, clock + track.lead_ns
             return track.time_ns, TIMED
-        if rules.by_recorder and not rules.append:
-            return ABSENT_NS, BACKWARDS
-        self.steps.note(offset, track.clock_ns, clock)
-        track.lead_ns = self._lead(number, clock, nominal)
-        track.go(clock, clock + track.lead_ns)
+        lead = self._lead_of_another(number, clock)
+        if lead is None:
+            self.steps.note(offset, track.clock_ns, clock)
+            lead = nominal - clock
+        track.lead_ns = lead
+        track.go(clock, clock + lead)
         return track.time_ns, TIMED
 
     def _start(self, number: int, clock: int, ahead: list[int]) -> tuple[int, int]:
@@ -181,20 +184,19 @@ class Course:
         if len(follows) == AHEAD and not follows[0] and follows[1] and not self._rules.by_recorder:
             return ABSENT_NS, NO_TIME_YET
         track = self._track(number)
-        track.lead_ns = self._lead(number, clock, clock)
+        track.lead_ns = self._lead_of_another(number, clock) or 0
         track.go(clock, clock + track.lead_ns)
         return track.time_ns, TIMED
 
-    def _lead(self, number: int, clock: int, otherwise: int) -> int:
-        """Return the axis' lead over a clock that starts or steps: that of another protocol if it fits, else to a given time."""
+    def _lead_of_another(self, number: int, clock: int) -> int | None:
+        """Return by how much the axis leads the clock of another protocol, if that fits a clock that starts or steps."""
         own = self._track(number)
         for other, track in self._tracks.items():
             if other != number and track.time_ns != ABSENT_NS:
-                time = clock + track.lead_ns
                 earliest = own.time_ns if own.time_ns != ABSENT_NS else track.time_ns - self._rules.gap_ns
-                if earliest <= time < max(earliest, track.time_ns) + self._rules.gap_ns:
+                if earliest <= clock + track.lead_ns < max(earliest, track.time_ns) + self._rules.gap_ns:
                     return track.lead_ns
-        return otherwise - clock
+        return None
 
 
 class Interleaving:

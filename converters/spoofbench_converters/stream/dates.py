@@ -7,6 +7,7 @@ import numpy as np
 from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS, WEEK_NS
 from spoofbench_converters.stream.frames import Places
 
+_ALL_NS = 2**62
 ROLLOVER_NS = 1024 * WEEK_NS
 
 
@@ -69,9 +70,10 @@ class Calendar:
         """Complete one protocol's times, of which none is absent."""
         whole, carried = dated
         last = self._last.get(protocol)
-        before = np.append(claimed[0] if last is None else last, np.where(period == 0, whole, claimed)[:-1])
-        steps = _nearest(claimed - before, _common_period(period, np.append(0, period[:-1])))
-        course = np.cumsum(np.where(period == 0, 0, steps))
+        known = np.where(period == 0, whole, claimed)
+        before = np.append(known[0] if last is None else last, known[:-1])
+        steps = _nearest(known - before, _common_period(period, np.append(0, period[:-1])))
+        course = np.cumsum(steps)
         anchors = np.where(period == 0, whole - course, ABSENT_NS)
         if last is not None and period[0] != 0:
             anchors[0] = last
@@ -108,8 +110,8 @@ def _carried(values: Places, start: int) -> Places:
 
 
 def _common_period(period: Places, before: Places) -> Places:
-    """Return the period in which two times can be compared: the shorter one, where both have one."""
-    shorter = np.minimum(np.where(period == 0, WEEK_NS, period), np.where(before == 0, WEEK_NS, before))
+    """Return the period in which two times can be compared: the shorter one, or one beyond all times where both are complete."""
+    shorter = np.minimum(np.where(period == 0, _ALL_NS, period), np.where(before == 0, _ALL_NS, before))
     return np.asarray(shorter, np.int64)
 
 

@@ -19,7 +19,7 @@ from spoofbench_converters.stream.contract import ABSENT_NS, Frames
 from spoofbench_converters.stream.frames import Candidates, Checksum, Octets, Places
 from spoofbench_converters.stream.stamps import MAX_STAMP, Stamps
 
-PIECE_BYTES = 4 * 2**20
+PIECE_BYTES = 2 * 2**20
 RTCM = "RTCM 3 message: nothing in the schema"
 
 _REACH = frames.MAX_FRAME + 4 * MAX_STAMP
@@ -51,7 +51,7 @@ class _Edge:
 class _Owned:
     """Frames in the order of the log, and the extents ``[first, last)`` with what stands beside them."""
 
-    protocols: NDArray[np.int64]
+    protocols: NDArray[np.int8]
     starts: Places
     ends: Places
     first: Places
@@ -72,10 +72,10 @@ def demultiplex(stream: IO[bytes], stamps: Stamps, checksum: Checksum = "require
         more, known = len(new) == piece_bytes, known + new
         if known and (not more or len(known) > _REACH):
             octets = np.frombuffer(known, np.uint8)
-            candidates = _candidates(octets, octets.size - _REACH if more else octets.size, checksum)
-            owned = _owned(octets, candidates, edge, stamps)
+            found = _find(octets, octets.size - _REACH if more else octets.size, checksum)
+            owned = _owned(octets, found, edge, stamps)
             told = int(max(octets.size - _REACH - MAX_STAMP, owned.last.max(initial=0))) if more else octets.size
-            rejects, kept = _rejects(octets, base, (owned, candidates), (told, more), edge)
+            rejects, kept = _rejects(octets, base, (owned, found.marks), (told, more), edge)
             yield Piece(owned.of(_UBX, octets, base), owned.of(_SENTENCE, octets, base), rejects, base + kept)
             if kept:
                 edge = _Edge(bool(octets[kept - 1] in (_LF, _CR)), bool(np.any(owned.last == kept)))
@@ -93,28 +93,34 @@ def _read(stream: IO[bytes], size: int) -> bytes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """Candidates of all protocols in the order of their starts, and which of them a scan takes."""
+    """The frames that a scan takes, in order, and where damaged ones start."""
 
-    protocols: NDArray[np.int64]
-    candidates: Candidates
-    taken: NDArray[np.bool_]
+    protocols: NDArray[np.int8]
+    starts: Places
+    ends: Places
+    marks: skipped.Marks
 
 
-def _candidates(octets: Octets, limit: int, checksum: Checksum) -> _Found:
+def _find(octets: Octets, limit: int, checksum: Checksum) -> _Found:
     """Find what starts before a limit."""
-    found = [frames.ubx(octets), frames.sentences(octets, checksum), frames.rtcm3(octets)]
-    starts = np.concatenate([each.starts for each in found])
-    before = np.flatnonzero(starts < limit)
-    order = before[np.argsort(starts[before], kind="stable")]
-    protocols = np.repeat([_UBX, _SENTENCE, _RTCM3], [each.starts.size for each in found])[order]
-    ends, verdicts = (np.concatenate([getattr(each, name) for each in found])[order] for name in ("ends", "verdicts"))
-    candidates = Candidates(starts[order], ends, verdicts)
-    return _Found(protocols, candidates, frames.chosen(candidates))
+    all_found = {
+        _UBX: frames.ubx(octets).before(limit),
+        _SENTENCE: frames.sentences(octets, checksum).before(limit),
+        _RTCM3: frames.rtcm3(octets).before(limit),
+    }
+    valid = {protocol: found.verdicts == frames.VALID for protocol, found in all_found.items()}
+    starts, ends = (
+        np.concatenate([getattr(found, name)[valid[protocol]] for protocol, found in all_found.items()]) for name in ("starts", "ends")
+    )
+    protocols = np.repeat(np.array(list(valid), np.int8), [np.count_nonzero(which) for which in valid.values()])
+    order = np.argsort(starts, kind="stable")
+    taken = order[frames.chosen(starts[order], ends[order])]
+    return _Found(protocols[taken], starts[taken], ends[taken], _marks(octets, all_found[_UBX], all_found[_SENTENCE]))
 
 
 def _owned(octets: Octets, found: _Found, edge: _Edge, stamps: Stamps) -> _Owned:
     """Give the frames that a scan takes what stands beside them."""
-    protocols, starts, ends = found.protocols[found.taken], found.candidates.starts[found.taken], found.candidates.ends[found.taken]
+    protocols, starts, ends = found.protocols, found.starts, found.ends
     first, last, times = starts.copy(), ends.copy(), np.full(starts.size, ABSENT_NS)
     mine = np.flatnonzero(protocols == _SENTENCE)
     if mine.size:
@@ -159,32 +165,33 @@ def _stops(octets: Octets, places: Places) -> Places:
     return breaks[np.searchsorted(breaks, places)]
 
 
-def _rejects(octets: Octets, base: int, what: tuple[_Owned, _Found], until: tuple[int, bool], edge: _Edge) -> tuple[list[Rejects], int]:
+def _rejects(
+    octets: Octets, base: int, what: tuple[_Owned, skipped.Marks], until: tuple[int, bool], edge: _Edge
+) -> tuple[list[Rejects], int]:
     """Return the rejects up to a place, and how far they go: one that may go on behind it is left to the next piece."""
-    (owned, found), (end, more) = what, until
+    (owned, marks), (end, more) = what, until
     starts, ends = np.append(0, owned.last), np.append(owned.first, end)
     gaps = starts[starts < ends], ends[starts < ends]
     rtcm = owned.starts[owned.protocols == _RTCM3], (owned.ends - owned.starts)[owned.protocols == _RTCM3]
     rejects = [Rejects(rtcm[0] + base, rtcm[1], RTCM)] if rtcm[0].size else []
     if not gaps[0].size:
         return rejects, end
-    starts, ends, reasons = skipped.divide(octets, gaps, _marks(octets, found), edge.line)
+    starts, ends, reasons = skipped.divide(octets, gaps, marks, edge.line)
     if more and ends[-1] == end:
         end, starts, ends, reasons = int(starts[-1]), starts[:-1], ends[:-1], reasons[:-1]
     return rejects + skipped.rejects(base, starts, ends, reasons), end
 
 
-def _marks(octets: Octets, found: _Found) -> skipped.Marks:
+def _marks(octets: Octets, ubx: Candidates, sentences: Candidates) -> skipped.Marks:
     """Return where damage starts; a sentence's only where an address begins, for in binary data ``$A`` is frequent."""
-    damaged = found.candidates.verdicts != frames.VALID
-    starts, verdicts = found.candidates.starts[damaged], found.candidates.verdicts[damaged]
-    is_ubx = found.protocols[damaged] == _UBX
-    reasons = np.where(is_ubx, _UBX_REASONS[verdicts], _SENTENCE_REASONS[verdicts])
-    address = octets.take(starts[:, None] + np.arange(2, 5), mode="clip")
-    capital, digit = address - np.uint8(ord("A")) < 26, address - np.uint8(ord("0")) < 10
-    plausible = is_ubx | (capital | digit).all(axis=1)
-    return skipped.Marks(starts[plausible], reasons[plausible])
+    damaged = np.flatnonzero(ubx.verdicts != frames.VALID)
+    broken = np.flatnonzero(sentences.verdicts != frames.VALID)
+    for place in (2, 3, 4):
+        octet = octets.take(sentences.starts[broken] + place, mode="clip")
+        broken = broken[(octet - np.uint8(ord("A")) < 26) | (octet - np.uint8(ord("0")) < 10)]
+    places = np.concatenate([ubx.starts[damaged], sentences.starts[broken]])
+    return skipped.Marks(places, np.concatenate([_UBX_REASONS[ubx.verdicts[damaged]], _SENTENCE_REASONS[sentences.verdicts[broken]]]))
 
 
-_UBX_REASONS = np.array([-1, skipped.UBX_WRONG, -1, -1, skipped.UBX_CUT])
-_SENTENCE_REASONS = np.array([-1, skipped.WRONG, skipped.MISSING, skipped.BROKEN, skipped.BROKEN])
+_UBX_REASONS = np.array([-1, skipped.UBX_WRONG, -1, -1, skipped.UBX_CUT], np.int8)
+_SENTENCE_REASONS = np.array([-1, skipped.WRONG, skipped.MISSING, skipped.BROKEN, skipped.BROKEN], np.int8)

@@ -41,6 +41,11 @@ class Candidates:
     ends: Places
     verdicts: NDArray[np.uint8]
 
+    def before(self, limit: int) -> "Candidates":
+        """Return those that start before a place."""
+        count = int(np.searchsorted(self.starts, limit))
+        return Candidates(self.starts[:count], self.ends[:count], self.verdicts[:count])
+
 
 def ubx(octets: Octets) -> Candidates:
     """Return every ``B5 62`` (u-blox interface descriptions, UBX frame structure; checksum: 8-bit Fletcher, RFC 1145)."""
@@ -157,20 +162,15 @@ def _hex_values() -> NDArray[np.uint8]:
     return values
 
 
-def chosen(candidates: Candidates) -> NDArray[np.bool_]:
-    """Return which candidates a scan from left to right takes: each valid one that starts at or after the end of the one taken before."""
-    taken = candidates.verdicts == VALID
-    places = np.flatnonzero(taken)
-    starts, ends = candidates.starts[places], candidates.ends[places]
-    if not np.any(starts[1:] < ends[:-1]):
-        return np.asarray(taken)
-    reached = 0
-    for place, start, end in zip(places.tolist(), starts.tolist(), ends.tolist(), strict=True):
-        if start < reached:
-            taken[place] = False
-        else:
-            reached = end
-    return np.asarray(taken)
+def chosen(starts: Places, ends: Places) -> NDArray[np.bool_]:
+    """Return which valid candidates a scan from left to right takes: each that starts at or after the end of the one taken before."""
+    taken = np.ones(starts.size, bool)
+    if np.any(starts[1:] < ends[:-1]):
+        reached = 0
+        for place, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+            taken[place] = start >= reached
+            reached = end if start >= reached else reached
+    return taken
 
 
 def line_ends(octets: Octets, ends: Places) -> Places:

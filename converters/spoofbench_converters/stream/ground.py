@@ -28,8 +28,10 @@ class Ground:
     def forget(self, before: int) -> None:
         """Forget what lies before the first epoch that is still undecided."""
         starts, ends = self._sorted()
-        last = ends > before
-        self._starts, self._ends = [starts[last]], [ends[last]]
+        starts, ends = starts[ends > before], ends[ends > before]
+        apart = np.ones(starts.size, bool)
+        apart[1:] = starts[1:] > ends[:-1]
+        self._starts, self._ends = [starts[apart]], [ends[np.append(apart[1:], True)[: ends.size]]]
 
     def lay(self, offsets: Places, lengths: Places, reason: str) -> Iterator[Rejects]:
         """Yield rejects for epochs in the order of their offsets, none of whose bytes overlap a reject known."""

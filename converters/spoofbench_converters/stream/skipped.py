@@ -29,13 +29,13 @@ _LF, _CR, _HASH = b"\n\r#"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Marks:
-    """Where damaged frames and sentences start, in order, and the reason of each: int64 and int64 ``(k,)``."""
+    """Where damaged frames and sentences start, and the reason of each: int64 and int8 ``(k,)``."""
 
     places: Places
-    reasons: NDArray[np.int64]
+    reasons: NDArray[np.int8]
 
 
-def divide(octets: Octets, gaps: tuple[Places, Places], marks: Marks, at_line_start: bool) -> tuple[Places, Places, NDArray[np.int64]]:
+def divide(octets: Octets, gaps: tuple[Places, Places], marks: Marks, at_line_start: bool) -> tuple[Places, Places, NDArray[np.int8]]:
     """Return starts, ends and reasons of the rejects that skipped bytes make.
 
     A run of skipped bytes is divided where a damaged frame or sentence, or a comment, starts; a damaged sentence and a
@@ -50,14 +50,15 @@ def divide(octets: Octets, gaps: tuple[Places, Places], marks: Marks, at_line_st
     starts, ends = gaps
     comments = _comments(octets, starts, ends, at_line_start)
     places = np.concatenate([marks.places, comments])
-    of_marks = np.concatenate([marks.reasons, np.full(comments.size, COMMENT)])
+    of_marks = np.concatenate([marks.reasons, np.full(comments.size, COMMENT, np.int8)])
     skipped = _within(places, starts, ends)
     places, of_marks = places[skipped], of_marks[skipped]
     lines = places[(of_marks == COMMENT) | (of_marks >= WRONG)]
     stops = _line_stops(octets, lines)
     stops = stops[(stops - lines <= LONGEST) & _within(stops, starts, ends)]
-    bounds = np.unique(np.concatenate([starts, places, stops]))
-    reasons = np.full(bounds.size, -1)
+    bounds = np.sort(np.concatenate([starts, places, stops]), kind="stable")
+    bounds = bounds[np.diff(bounds, prepend=-1) > 0]
+    reasons = np.full(bounds.size, -1, np.int8)
     reasons[np.searchsorted(bounds, places)] = of_marks
     stops = np.minimum(np.append(bounds[1:], octets.size), ends[np.searchsorted(starts, bounds, "right") - 1])
     bounds, stops, reasons = _shortened(bounds, stops, reasons)
@@ -66,7 +67,7 @@ def divide(octets: Octets, gaps: tuple[Places, Places], marks: Marks, at_line_st
     return bounds, stops, reasons
 
 
-def rejects(base: int, starts: Places, ends: Places, reasons: NDArray[np.int64]) -> list[Rejects]:
+def rejects(base: int, starts: Places, ends: Places, reasons: NDArray[np.int8]) -> list[Rejects]:
     """Return rejects by reason; ``base`` is the offset of the stretch in the log."""
     return [
         Rejects(starts[reasons == reason] + base, (ends - starts)[reasons == reason], REASONS[reason])
@@ -95,7 +96,7 @@ def _line_stops(octets: Octets, places: Places) -> Places:
     return line_ends(octets, breaks[np.searchsorted(breaks, places)])
 
 
-def _shortened(starts: Places, stops: Places, reasons: NDArray[np.int64]) -> tuple[Places, Places, NDArray[np.int64]]:
+def _shortened(starts: Places, stops: Places, reasons: NDArray[np.int8]) -> tuple[Places, Places, NDArray[np.int8]]:
     """Divide what is longer than a reject may be."""
     pieces = -(-(stops - starts) // LONGEST)
     if (pieces <= 1).all():
@@ -103,15 +104,15 @@ def _shortened(starts: Places, stops: Places, reasons: NDArray[np.int64]) -> tup
     of = np.repeat(np.arange(starts.size), pieces)
     number = np.arange(of.size) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     begins = starts[of] + number * LONGEST
-    return begins, np.minimum(begins + LONGEST, stops[of]), np.where(number == 0, reasons[of], -1)
+    return begins, np.minimum(begins + LONGEST, stops[of]), np.where(number == 0, reasons[of], np.int8(-1))
 
 
-def _content(octets: Octets, starts: Places, stops: Places) -> NDArray[np.int64]:
+def _content(octets: Octets, starts: Places, stops: Places) -> NDArray[np.int8]:
     """Return whether each stretch is blank, text or binary; they do not overlap and none is empty."""
     if not starts.size:
-        return np.zeros(0, np.int64)
+        return np.zeros(0, np.int8)
     here = octets[starts[0] : stops[-1]]
     blank = (here == _LF) | (here == _CR) | (here == 0x20) | (here == 0x09)
     kinds = np.where(blank, np.uint8(BLANK), np.where(here - np.uint8(0x20) <= 0x7E - 0x20, np.uint8(TEXT), np.uint8(BINARY)))
     pairs = np.stack([starts, stops], 1).reshape(-1)[:-1] - starts[0]
-    return np.asarray(np.maximum.reduceat(kinds, pairs)[::2], np.int64)
+    return np.asarray(np.maximum.reduceat(kinds, pairs)[::2], np.int8)
