@@ -17,6 +17,8 @@ from spoofbench.converting import Source
 
 _EXPLANATIONS = Path(__file__).with_name("explanations.toml")
 _TRACK_TOLERANCE = {"epochs": 0.0, "epochs_fix": 0.0, "duration_s": 0.005, "distance_m": 0.02, "max_speed_mps": 0.01}
+_LEAST_DISTANCE_M = 1000.0
+"""The manifests leave out steps within the noise; so much of a track do they tell something of."""
 _GPSD_LIMITS = {"position_m": 0.02, "height_m": 0.11, "height_msl_m": 0.11, "speed_mps": 0.006, "course_deg": 0.011}
 """Differences above these are more than gpsd's last digit and the log's."""
 
@@ -126,6 +128,8 @@ def _manifest(log: Log, ours: Ours) -> Iterator[_Said]:
         text = row.get(name, "")
         if not re.fullmatch(r"[0-9.]+", text):
             continue
+        if name == "distance_m" and float(text) < _LEAST_DISTANCE_M:
+            continue
         theirs, unit = float(text), 10.0 ** -len(text.partition(".")[2])
         candidates = [mine[name], *_durations(ours)] if name == "duration_s" else [mine[name]]
         if not any(abs(value - theirs) <= max(tolerance * theirs, unit) or math.isnan(value) for value in candidates):
@@ -149,8 +153,9 @@ def _gpsd(found: gpsd.Agreement) -> Iterator[_Said]:
             yield f"gpsd {name}", f"{far.size} of {values.size} differ", f"by up to {far.max():.4g}"
     if any(found.modes):
         yield "gpsd fix", f"{found.modes[1]} positions where gpsd has no fix", f"{found.modes[0]} fixes where we have no position"
-    if found.satellites[0] and found.satellites[0] != found.satellites[1]:
-        yield "gpsd satellites", f"{found.satellites[1]}", f"{found.satellites[0]}"
+    both, theirs, ours = found.satellites
+    if both + theirs and theirs + ours:
+        yield "gpsd satellites", f"{both} the same, {ours} alone", f"{theirs} alone"
 
 
 def explanation(file: str, kind: str) -> str:

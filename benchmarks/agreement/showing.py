@@ -78,12 +78,16 @@ def markdown(entries: Sequence[Entry], closing: Sequence[str]) -> Iterator[str]:
     yield "## gpsd, log by log"
     yield ""
     names = ("position_m", "height_m", "height_msl_m", "speed_mps", "course_deg")
-    yield "| log | epochs | same time | " + " | ".join(f"{name} median / max (n)" for name in names) + " | satellites gpsd / ours |"
+    yield (
+        "| log | epochs | same time | "
+        + " | ".join(f"{name} median / max (n)" for name in names)
+        + " | satellites both / gpsd alone / ours alone |"
+    )
     yield "|---|---|---|" + "---|" * (len(names) + 1)
     for one in entries:
         if found := one["gpsd"]:
             figures = [f"{s['median']:g} / {s['max']:g} ({s['n']})" if (s := found[name])["n"] else "" for name in names]
-            satellites = f"{found['satellites']['gpsd']} / {found['satellites']['ours']}"
+            satellites = " / ".join(str(number) for number in found["satellites"].values())
             yield f"| {one['file']} | {found['epochs']} | {found['matched']} | {' | '.join(figures)} | {satellites} |"
 
 

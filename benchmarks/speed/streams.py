@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.fuzz.seeds import nmea_lines, ubx_log
-from spoofbench.converting import Block, Converter, Source, convert
+from spoofbench.converting import Block, Source, convert
 
 BYTES = 50_000_000
 _DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nmea_ubx"
@@ -39,7 +39,7 @@ def part_of(log: Path, size: int) -> tuple[Path, float]:
     return path, len(octets) / log.stat().st_size
 
 
-def columns(converter: Converter, log: Path) -> Columns:
+def columns(converter: Any, log: Path) -> Columns:
     """Return all columns that a converter makes of a log."""
     parts: dict[str, list[np.ndarray[Any, Any]]] = defaultdict(list)
     for item in converter.convert(Source.of(log), converter.Options()):

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 _MIB = 2**20
-_SHORT_BYTES, _LONG_BYTES = 16 * _MIB, 48 * _MIB
+_SHORT_BYTES, _LONG_BYTES = 16 * _MIB, 80 * _MIB
 _CUTS, _PLACES = 6, 2
 
 
@@ -64,11 +64,11 @@ def damages(log: bytes) -> Iterator[tuple[str, int, bytes]]:
 
 
 def long_logs(log: bytes, folder: Path) -> Iterator[tuple[str, Path, Path]]:
-    """Yield ``(what, short, long)``: paths of a log made 16 MiB and 48 MiB long."""
+    """Yield ``(what, short, long)``: paths of a log made 16 MiB and 80 MiB long."""
     for what, beginning, filling in (
         ("repeated", b"", log),
         ("followed by its last byte without end", log[:_MIB], log[-1:] * 4096),
-        ("followed by its first bytes without end", log[:_MIB], log[:2] * 4096),
+        ("followed by its first byte without end", log[:_MIB], log[:1] * 4096),
     ):
         paths: list[Path] = []
         for size in (_SHORT_BYTES, _LONG_BYTES):
