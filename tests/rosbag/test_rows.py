@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spoofbench_converters.rosbag import aspn23, attitude, sqlite_log, streams
+from spoofbench_converters.rosbag import aspn23, attitude, rows, sqlite_log, streams
 
 START_NS = 1_700_000_000_000_000_000
 SECOND_NS = 1_000_000_000
@@ -75,7 +75,7 @@ def test_rows_of_equal_time_pair_by_their_order() -> None:
             name: np.array(times) * 1.0,
         }
 
-    joined = streams.outer_join(side("a", [1, 2, 2, 3]), side("b", [2, 2, 4]))
+    joined = rows.outer_join(side("a", [1, 2, 2, 3]), side("b", [2, 2, 4]))
     assert joined["time_ns"].tolist() == [1, 2, 2, 3, 4]
     assert np.isnan(joined["a"]).tolist() == [False, False, False, False, True]
     assert np.isnan(joined["b"]).tolist() == [True, False, False, True, False]

@@ -1,6 +1,6 @@
 """From messages that say rows of kinds to blocks: ordering, and joining a receiver's position and velocity."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,15 +10,16 @@ from spoofbench.converting import Block, Columns, InOrder, Rejects
 from spoofbench.converting.ordering import join, take
 from spoofbench.recording import Column, Table, encode_words
 from spoofbench.schema import KINDS, topic_of
-from spoofbench_converters.rosbag.streams import BACKWARDS, JOIN_NS, outer_join
 
-Sides = Mapping[str, str]
+BACKWARDS = "time runs backwards"
+JOIN_NS = 10_000_000_000
 
 
 def block(source: str, kind: str, rows: Columns) -> Block:
-    """Return rows as a block; it used as many messages as their ``units`` say."""
+    """Return rows as a block; it used as many messages as their ``units`` say, else one for each."""
     columns = {name: _column(KINDS[kind].fields[name].category, rows[name]) for name in KINDS[kind].fields if name in rows}
-    return Block(topic_of(source, kind), Table(kind, rows["time_ns"], columns), int(rows["units"].sum()))
+    table = Table(kind, rows["time_ns"], columns)
+    return Block(topic_of(source, kind), table, int(rows["units"].sum()) if "units" in rows else len(table))
 
 
 def _column(category: str, values: NDArray[Any]) -> Any:
@@ -62,9 +63,11 @@ class PairStream:
     One without its counterpart becomes a row of its own once the other side is ahead, or 10 s behind.
     """
 
-    def __init__(self, source: str) -> None:
-        self.source, self.kind = source, "gnss/pvt"
-        self._order = {"position": InOrder(), "velocity": InOrder()}
+    def __init__(self, source: str, device: str | None = None, sides: Sequence[str] = ("position", "velocity")) -> None:
+        """Take the source, what the receiver is called in rejects, and the sides that there are."""
+        self.source = source
+        self._where = device or f"/{source}/gnss/pvt"
+        self._order = {side: InOrder() for side in sides}
         self._waiting: dict[str, Columns] = {side: {} for side in self._order}
         self._latest_ns: dict[str, int] = {}
 
@@ -85,7 +88,7 @@ class PairStream:
         yield from self._join(np.iinfo(np.int64).max)
 
     def _take(self, side: str, ready: Columns, refused: Columns) -> Iterator[Rejects]:
-        yield from refused_rows(refused, f"the {side} of /{self.source}/{self.kind}")
+        yield from refused_rows(refused, f"the {side} of {self._where}")
         if ready and ready["time_ns"].size:
             self._waiting[side] = join(self._waiting[side], ready)
             self._latest_ns[side] = int(ready["time_ns"][-1])
@@ -100,7 +103,7 @@ class PairStream:
         parts = [part for part in parts if part["time_ns"].size]
         if parts:
             rows = outer_join(parts[0], parts[1]) if len(parts) == 2 else parts[0]
-            yield block(self.source, self.kind, {**rows, "units": np.concatenate([part["units"] for part in parts])})
+            yield block(self.source, "gnss/pvt", {**rows, "units": np.concatenate([part["units"] for part in parts])})
 
 
 def refused_rows(rows: Columns, where: str) -> Iterator[Rejects]:
@@ -108,3 +111,27 @@ def refused_rows(rows: Columns, where: str) -> Iterator[Rejects]:
     if rows and rows["time_ns"].size:
         counted = rows["units"] > 0
         yield Rejects(rows["record"][counted], rows["units"][counted], f"{BACKWARDS} in {where}")
+
+
+def outer_join(first: Columns, second: Columns) -> Columns:
+    """Return one row per time of either, both in the order of time; the later receive time counts.
+
+    Rows of equal time on one side are matched by their order.
+    """
+    keys = [np.stack([part["time_ns"], _occurrence(part["time_ns"])], 1) for part in (first, second)]
+    epochs, inverse = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
+    places = np.split(inverse.reshape(-1), [len(keys[0])])
+    joined: Columns = {"time_ns": epochs[:, 0]}
+    for part, place in zip((first, second), places, strict=True):
+        for name in part.keys() - {"time_ns", "record", "receive_time_ns", "units"}:
+            joined[name] = np.full(len(epochs), np.nan)
+            joined[name][place] = part[name]
+    received = np.full(len(epochs), np.iinfo(np.int64).min)
+    for part, place in zip((first, second), places, strict=True):
+        received[place] = np.maximum(received[place], part["receive_time_ns"])
+    return joined | {"receive_time_ns": received}
+
+
+def _occurrence(times: Any) -> Any:
+    """How many rows of the same time stand before each row, times being sorted."""
+    return np.arange(times.size) - np.searchsorted(times, times, "left")

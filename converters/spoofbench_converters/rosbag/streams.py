@@ -1,19 +1,15 @@
 """From a device's messages to the rows of a recording's topics: ordering, intervals, joining."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 
 from spoofbench.converting import Block, Columns, InOrder, Reject, Rejects
 from spoofbench.converting.ordering import join, take
-from spoofbench.recording import Table
-from spoofbench.schema import KINDS, topic_of
 from spoofbench_converters.rosbag.family import rejects
+from spoofbench_converters.rosbag.rows import BACKWARDS, PairStream, block
 
-BACKWARDS = "time runs backwards"
 INTERVAL_ROWS = 1000
-JOIN_NS = 10_000_000_000
 _WHOLE_HERTZ = 0.01  # share by which a median rate may differ from a whole number of hertz
 
 
@@ -111,37 +107,19 @@ class PvaStream:
             yield block(self.source, "ins/pva" if self.source else "reference/pva", ready)
 
 
-class PvtStream:
-    """Positions and velocities of one receiver, joined where their times are equal.
-
-    One without its counterpart becomes a row of its own once the other topic is ahead, or 10 s behind.
-    """
+class PvtStream(PairStream):
+    """Positions and velocities of one receiver, a topic each."""
 
     def __init__(self, source: str, device: str, sides: Mapping[str, str]) -> None:
         """Take the name of the source and of the device, and the side, ``position`` or ``velocity``, of each topic."""
-        self.source, self.topics = source, tuple(sides)
+        super().__init__(source, device, sorted(sides.values()))
+        self.topics = tuple(sides)
         self._device = device
         self._side = dict(sides)
-        self._present = sorted(sides.values())
-        self._order = {side: InOrder() for side in self._present}
-        self._waiting: dict[str, Columns] = {side: {} for side in self._present}
-        self._latest_ns: dict[str, int] = {}
 
-    def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject | Rejects]:
-        """Take one side's next rows in bag order."""
-        yield from self._take(self._side[topic], *self._order[self._side[topic]].push(columns))
-
-    def settle(self) -> Iterator[Block | Reject | Rejects]:
-        """Give the epochs that are complete, now that both sides were read equally far."""
-        if self._latest_ns:
-            both = min(self._latest_ns.values()) if len(self._latest_ns) == len(self._present) else 0
-            yield from self._join(max(both, max(self._latest_ns.values()) - JOIN_NS))
-
-    def finish(self) -> Iterator[Block | Reject | Rejects]:
-        """Give what is held."""
-        for side in self._present:
-            yield from self._take(side, *self._order[side].flush())
-        yield from self._join(np.iinfo(np.int64).max)
+    def push(self, topic: str, columns: Columns) -> Iterator[Block | Rejects]:
+        """Take one topic's next rows in bag order."""
+        yield from super().push(self._side[topic], {**columns, "units": np.ones(columns["time_ns"].size, np.int64)})
 
     def about(self) -> dict[str, str]:
         """Return the source's metadata."""
@@ -151,53 +129,3 @@ class PvtStream:
             "solution": "gnss",
             "solution_basis": "positions and velocities without attitude",
         }
-
-    def _take(self, side: str, ready: Columns, refused: Columns) -> Iterator[Rejects]:
-        yield from rejects(refused, f"{BACKWARDS} in the {side} of {self._device}")
-        if ready and ready["time_ns"].size:
-            self._waiting[side] = join(self._waiting[side], ready)
-            self._latest_ns[side] = int(ready["time_ns"][-1])
-
-    def _join(self, before_ns: int) -> Iterator[Block]:
-        """Give the epochs before a time."""
-        parts = []
-        for side, columns in self._waiting.items():
-            if columns:
-                ready = int(np.searchsorted(columns["time_ns"], before_ns, "left"))
-                parts.append(take(columns, slice(0, ready)))
-                self._waiting[side] = take(columns, slice(ready, None))
-        parts = [part for part in parts if part["time_ns"].size]
-        if parts:
-            epochs = outer_join(parts[0], parts[1]) if len(parts) == 2 else parts[0]
-            yield block(self.source, "gnss/pvt", epochs, sum(part["time_ns"].size for part in parts))
-
-
-def outer_join(first: Columns, second: Columns) -> Columns:
-    """Return one row per time of either, both in the order of time; the later receive time counts.
-
-    Rows of equal time on one side are matched by their order.
-    """
-    keys = [np.stack([part["time_ns"], _occurrence(part["time_ns"])], 1) for part in (first, second)]
-    epochs, inverse = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
-    places = np.split(inverse.reshape(-1), [len(keys[0])])
-    joined: Columns = {"time_ns": epochs[:, 0]}
-    for part, place in zip((first, second), places, strict=True):
-        for name in part.keys() - {"time_ns", "record", "receive_time_ns", "units"}:
-            joined[name] = np.full(len(epochs), np.nan)
-            joined[name][place] = part[name]
-    received = np.full(len(epochs), np.iinfo(np.int64).min)
-    for part, place in zip((first, second), places, strict=True):
-        received[place] = np.maximum(received[place], part["receive_time_ns"])
-    return joined | {"receive_time_ns": received}
-
-
-def _occurrence(times: Any) -> Any:
-    """How many rows of the same time stand before each row, times being sorted."""
-    return np.arange(times.size) - np.searchsorted(times, times, "left")
-
-
-def block(source: str, kind: str, columns: Columns, used: int | None = None) -> Block:
-    """Return rows as a block; columns that the kind does not have are left out."""
-    fields = {name: columns[name] for name in KINDS[kind].fields if name in columns}
-    table = Table(kind, columns["time_ns"], fields)
-    return Block(topic_of(source, kind), table, len(table) if used is None else used)
