@@ -9,6 +9,7 @@ import pytest
 ROOT = Path(__file__).parent.parent / "src"
 ORDER = [
     "errors",
+    "gps_time",
     "integrity",
     "schema",
     "recording",

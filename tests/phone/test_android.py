@@ -130,11 +130,6 @@ def test_a_phase_counts_only_where_it_is_valid(tmp_path: Path, header: str) -> N
     assert np.isnan(found["carrier_std_cycles"]).all()
 
 
-def test_leap_seconds() -> None:
-    seconds = np.array([1_119_744_015, 1_119_744_016, 1_167_264_016, 1_167_264_017, 1_400_000_000])
-    assert android.leap_seconds(seconds * 10**9).tolist() == [16, 17, 17, 18, 18]
-
-
 def test_every_constellation_is_one_of_the_schema() -> None:
     known = {value.number for value in KINDS["gnss/observation"].message.fields_by_name["constellation"].enum_type.values}
     assert set(android.SCHEMA_CONSTELLATION.tolist()) <= known

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS, WEEK_NS
-from spoofbench_converters.ubx.gpstime import LEAP_SECONDS, leap_seconds
+
+from spoofbench.gps_time import LEAP_SECONDS, leap_seconds_at_gps
 
 PVT = "/gnss0/gnss/pvt"
 _ZERO = datetime(1980, 1, 6, tzinfo=UTC)
@@ -112,7 +113,7 @@ def test_raw_weeks_turn_with_the_solutions_week(ubx: Any) -> None:
 def test_announced_leap_seconds() -> None:
     for day, leap in (("1980-01-07", 0), ("2005-12-31", 13), ("2006-01-02", 14), ("2026-01-01", 18)):
         gps_ns = _ns(datetime.fromisoformat(day).replace(tzinfo=UTC)) - _ns(_ZERO)
-        assert leap_seconds(np.array([gps_ns])).tolist() == [leap]
+        assert leap_seconds_at_gps(np.array([gps_ns])).tolist() == [leap]
 
 
 def test_a_leap_second_is_the_second_before_midnight(ubx: Any) -> None:

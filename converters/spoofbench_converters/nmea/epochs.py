@@ -18,9 +18,10 @@ import numpy as np
 
 from spoofbench.converting import Columns
 from spoofbench.converting.ordering import take
+from spoofbench.gps_time import SECOND_NS
 from spoofbench_converters.nmea.addresses import CODES, READ
 from spoofbench_converters.nmea.fields import Bools, Ints
-from spoofbench_converters.nmea.utc import SECOND_NS, nearest_turn
+from spoofbench_converters.nmea.utc import nearest_turn
 from spoofbench_converters.stream.contract import ABSENT_NS
 
 MAX_SENTENCES = 8_192  # of one epoch: more make epochs without a time

@@ -3,20 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.gps_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds
 from spoofbench_converters.nmea.fields import Bools, Cells, Ints, decimals
-from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS, WEEK_NS
+from spoofbench_converters.stream.contract import ABSENT_NS
 
-SECOND_NS = 1_000_000_000
-GPS_EPOCH_NS = 315_964_800 * SECOND_NS  # 1980-01-06
 _PIVOT = 80  # two-digit years: 80 to 99 are 1980 to 1999, 00 to 79 are 2000 to 2079
-
-_LEAPS_NS = np.array(  # days before which a second was inserted since 1980: IERS Bulletin C
-    [
-        "1981-07-01", "1982-07-01", "1983-07-01", "1985-07-01", "1988-01-01", "1990-01-01", "1991-01-01", "1992-07-01", "1993-07-01",
-        "1994-07-01", "1996-01-01", "1997-07-01", "1999-01-01", "2006-01-01", "2009-01-01", "2012-07-01", "2015-07-01", "2017-01-01",
-    ],
-    "datetime64[ns]",
-).astype(np.int64)  # fmt: skip
 
 
 def time_of_day(cells: Cells) -> tuple[Ints, Bools]:
@@ -59,7 +50,7 @@ def gps_week_and_tow(utc_ns: Ints, leap: Bools) -> tuple[Ints, NDArray[np.float6
 
     ``leap`` says which times are within an inserted second, whose Unix time is that of the second after it.
     """
-    elapsed = utc_ns - GPS_EPOCH_NS + (np.searchsorted(_LEAPS_NS, utc_ns, "right") - leap) * SECOND_NS
+    elapsed = utc_ns - GPS_EPOCH_NS + (leap_seconds(utc_ns) - leap) * SECOND_NS
     return elapsed // WEEK_NS, (elapsed % WEEK_NS) / SECOND_NS
 
 

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.converting import Columns
+from spoofbench.gps_time import DAY_NS, GPS_EPOCH_NS, WEEK_NS, leap_seconds_at_gps
 from spoofbench_converters.phone.sheets import Sheet
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
-GPS_EPOCH_NS = 315_964_800_000_000_000  # of 1980-01-06 in Unix time
-DAY_NS = 86_400_000_000_000
-WEEK_NS = 7 * DAY_NS
 
 # Android's constellation numbers, and the schema's by them.
 _GPS, _SBAS, _GLONASS, _QZSS, _BEIDOU, _GALILEO, _NAVIC = range(1, 8)
@@ -50,8 +48,6 @@ _TOLERANCE_MHZ = 5.0  # the channels of GLONASS lie up to 4 MHz from its carrier
 _ATTRIBUTES = ("", *(chr(code) for code in range(ord("A"), ord("Z") + 1)))
 SIGNALS = tuple(f"{band}{attribute}" for band in range(1, 10) for attribute in _ATTRIBUTES)
 RF_BANDS = tuple(dict.fromkeys(band[3] for bands in _BANDS.values() for band in bands))
-
-_LEAP_SECONDS = ((0, 16), (1_119_744_016, 17), (1_167_264_017, 18))  # from GPS second on: 2015-07-01, 2017-01-01
 
 OBSERVATION = (
     "constellation",
@@ -169,13 +165,7 @@ def receiver_times(sheet: Sheet) -> Times:
         gps = np.where(known, clock - bias, 0)
     known &= (gps > 0) & (gps < 2**62)
     rest = np.nan_to_num(sheet.floats("TimeOffsetNanos")) - np.nan_to_num(sheet.floats("BiasNanos"))
-    return Times(np.where(known, gps, 0), rest, np.where(has_leap, leap, leap_seconds(gps)), known)
-
-
-def leap_seconds(gps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return GPS time minus UTC, from the announced leap seconds."""
-    since = np.searchsorted([second for second, _ in _LEAP_SECONDS], gps_ns // 1_000_000_000, "right") - 1
-    return np.array([leap for _, leap in _LEAP_SECONDS])[np.maximum(since, 0)]
+    return Times(np.where(known, gps, 0), rest, np.where(has_leap, leap, leap_seconds_at_gps(gps)), known)
 
 
 def week_and_tow(gps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from spoofbench.converting import Columns, Facts, Item, Rejects
 from spoofbench.converting.ordering import take
 from spoofbench.errors import ConversionError
+from spoofbench.gps_time import GPS_EPOCH_NS, leap_seconds_at_gps
 from spoofbench_converters.phone import android, gnssform
 from spoofbench_converters.phone import lines as text
 from spoofbench_converters.phone.axis import Axis, Stamps, Steps
@@ -241,8 +242,8 @@ class _Log:
         columns["time_ns"], timed = self._axis.times(columns["offset"], elapsed, claimed, shift=name == "GPS")
         yield from rejects(columns, ~timed, NO_TIME)
         if name == "GPS":
-            gps = claimed[0] - android.GPS_EPOCH_NS
-            gps += android.leap_seconds(gps) * 1_000_000_000
+            gps = claimed[0] - GPS_EPOCH_NS
+            gps += leap_seconds_at_gps(gps) * 1_000_000_000
             known = claimed[1] & (gps > 0)
             week, tow = android.week_and_tow(np.where(known, gps, 0))
             columns |= {"gps_week": week, "gps_week?": known, "tow_s": np.where(known, tow, np.nan)}

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.gps_time import GPS_EPOCH_NS, LEAP_SECONDS, SECOND_NS, leap_seconds_at_gps
 from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS, WEEK_NS
 from spoofbench_converters.ubx.batch import Batch, Picked
 from spoofbench_converters.ubx.frames import ROLES, Ints
-from spoofbench_converters.ubx.gpstime import GPS_EPOCH_NS, LEAP_SECONDS, MS_NS, SECOND_NS, leap_seconds, utc_ns, week_of
+from spoofbench_converters.ubx.gpstime import MS_NS, utc_ns, week_of
 from spoofbench_converters.ubx.messages import Role
 
 _ALL = 7  # date and time valid, and fully resolved
@@ -146,7 +147,7 @@ class _Reading:
         week = np.where((self.week < 0) & (rough != ABSENT_NS) & tow, implied, self.week)
         trusted = tow & (np.nan_to_num(self.tow_said, nan=1.0) > 0)
         gps_ns = np.where(tow, np.maximum(week, 0) * WEEK_NS + np.where(tow, self.tow_ns, 0), 0)
-        announced = np.where(week >= 0, leap_seconds(gps_ns), LEAP_SECONDS)
+        announced = np.where(week >= 0, leap_seconds_at_gps(gps_ns), LEAP_SECONDS)
         by_week = GPS_EPOCH_NS + gps_ns - np.where(leap >= 0, leap, announced) * SECOND_NS
         claimed, period = self.utc.copy(), np.zeros(self.utc.size, np.int64)
         for given, values, length in (

@@ -1,30 +1,14 @@
-"""GPS time and UTC."""
+"""Weeks and calendar fields as UBX messages give them."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench_converters.stream.contract import ABSENT_NS, WEEK_NS
+from spoofbench.gps_time import SECOND_NS, WEEK_NS
+from spoofbench_converters.stream.contract import ABSENT_NS
 
 Ints = NDArray[np.int64]
 
-SECOND_NS = 1_000_000_000
 MS_NS = 1_000_000
-GPS_EPOCH_NS = 315_964_800 * SECOND_NS  # 1980-01-06 UTC
-
-_LEAPS = np.array(  # first days with one more second between GPS time and UTC (IERS Bulletin C)
-    [
-        "1981-07-01", "1982-07-01", "1983-07-01", "1985-07-01", "1988-01-01", "1990-01-01", "1991-01-01", "1992-07-01", "1993-07-01",
-        "1994-07-01", "1996-01-01", "1997-07-01", "1999-01-01", "2006-01-01", "2009-01-01", "2012-07-01", "2015-07-01", "2017-01-01",
-    ],
-    "datetime64[ns]",
-).astype(np.int64)  # fmt: skip
-LEAP_SECONDS = _LEAPS.size
-"""GPS time minus UTC since the last announced leap second."""
-
-
-def leap_seconds(gps_ns: Ints) -> Ints:
-    """Return announced GPS time minus UTC, in s, at GPS times in ns since 1980-01-06."""
-    return np.searchsorted(_LEAPS + np.arange(1, _LEAPS.size + 1) * SECOND_NS, gps_ns + GPS_EPOCH_NS, "right").astype(np.int64)
 
 
 def week_of(gps_ns: Ints, tow_ns: Ints) -> Ints:

@@ -5,9 +5,10 @@ import re
 
 import numpy as np
 
+from spoofbench.doctor.claims import ROLLOVER_S, claimed_gps_s
 from spoofbench.doctor.finding import Finding, facts, where
-from spoofbench.doctor.gps_time import ROLLOVER_S, SECOND_NS, claimed_gps_s, leap_seconds
 from spoofbench.doctor.motion import Floats, Times
+from spoofbench.gps_time import SECOND_NS, leap_seconds
 from spoofbench.recording import Recording, Table
 from spoofbench.report.text import counted
 from spoofbench.schema import SENSOR_KINDS, split_topic
@@ -122,7 +123,7 @@ def leaps(recording: Recording) -> list[Finding]:
         table = recording[topic]
         offset_s = _median(claimed_gps_s(table) - table.time_ns / 1e9)
         if len(table) and np.isfinite(offset_s) and abs(offset_s) < 60:
-            right = leap_seconds(int(table.time_ns[0]) / 1e9)
+            right = int(leap_seconds(table.time_ns[0]))
             if abs(offset_s) < LEAP_TOLERANCE_S < right:
                 text = f"the times equal the GPS time that the receiver claims: they are {right} s ahead of UTC"
                 findings.append(
@@ -132,7 +133,7 @@ def leaps(recording: Recording) -> list[Finding]:
                 text = f"GPS time is {offset_s:.1f} s ahead of the times where leap seconds make it {right} s"
                 findings.append(Finding("leap-seconds", "warning", topic, text, "do not mix these times with those of other devices"))
         received_s = -_median(_received(table))
-        right = leap_seconds(int(table.time_ns[0]) / 1e9) if len(table) else 0
+        right = int(leap_seconds(table.time_ns[0])) if len(table) else 0
         if right and right - 2 < received_s < right + LEAP_TOLERANCE_S:
             text = f"rows are dated {received_s:.1f} s after their receipt, as GPS time is ahead of UTC by {right} s"
             findings.append(Finding("gps-time-as-utc", "warning", topic, text, f"subtract {right} s if the host kept UTC"))

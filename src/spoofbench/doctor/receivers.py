@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from spoofbench.doctor.finding import Finding
-from spoofbench.doctor.gps_time import leap_seconds
 from spoofbench.doctor.motion import EARTH_RADIUS_M, Floats
+from spoofbench.gps_time import leap_seconds
 from spoofbench.recording import Recording, Table
 
 LEAST_EPOCHS = 30
@@ -23,7 +23,7 @@ def lags(recording: Recording) -> list[Finding]:
     """A receiver whose times are GPS time beside one whose times are UTC."""
     findings = []
     for topic, other, table in _pairs(recording):
-        leap_s = leap_seconds(int(table.time_ns[0]) / 1e9)
+        leap_s = int(leap_seconds(table.time_ns[0]))
         apart_m = {lag_s: _apart(table, recording[other], lag_s) for lag_s in (0.0, float(leap_s), float(-leap_s))}
         best = min(apart_m, key=lambda lag_s: apart_m[lag_s])
         if best and apart_m[best] < TOGETHER_M and apart_m[best] * BETTER < apart_m[0.0]:

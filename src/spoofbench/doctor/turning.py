@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from spoofbench.doctor.finding import Finding
-from spoofbench.doctor.gps_time import leap_seconds
 from spoofbench.doctor.inertial import ACCEL, GYRO
 from spoofbench.doctor.motion import Floats, Steps, course, speed, steps, wrapped
+from spoofbench.gps_time import leap_seconds
 from spoofbench.recording import Recording, Table
 
 SLOWEST_MPS = 2.5
@@ -61,7 +61,7 @@ def turning(recording: Recording) -> list[Finding]:
         turns = _turns(pvt, int(imu.time_ns[0]))
         heading_s, heading = _heading(imu)
         if turns is not None and heading.size:
-            findings += _compared(topic, turns, heading_s, heading, leap_seconds(int(pvt.time_ns[0]) / 1e9))
+            findings += _compared(topic, turns, heading_s, heading, int(leap_seconds(pvt.time_ns[0])))
     return findings
 
 
