@@ -92,4 +92,7 @@ def test_a_mapping_is_found_by_path_or_by_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ready_names())
 def test_ready_mappings_are_sound(name: str) -> None:
-    assert load_mapping(name).about
+    mapping = load_mapping(name)
+    assert mapping.about
+    sources = {topic.source or "reference" for table in mapping.tables for topic in table.topics}
+    assert {record.removeprefix("source/") for record in mapping.sources} == sources

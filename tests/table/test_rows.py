@@ -106,6 +106,27 @@ def test_decimal_times_are_exact(convert_text: Convert, times: list[Decimal], un
     assert _times(result) == [round(time * 10**digits) for time in written]
 
 
+def test_a_bad_time_leaves_the_others_exact(convert_text: Convert) -> None:
+    good = ["1711303747.217394001", "+1711303748.5", " 1711303749 ", "1.7113037502173940015e9", "1711303751.0000000000000000000000001"]
+    bad = ["soon", "1_0", "1e400", "-inf", "1e-999999999x", "99999999999999999999"]
+    result = convert_text("t,ax,ay,az\n" + "".join(f"{time},1,2,3\n" for time in [*good, *bad]))
+    assert _times(result) == [
+        1_711_303_747_217_394_001,
+        1_711_303_748_500_000_000,
+        1_711_303_749_000_000_000,
+        1_711_303_750_217_394_002,
+        1_711_303_751_000_000_000,
+    ]
+    assert set(result.ledger.reasons) == {"a time that is none"}
+
+
+def test_a_bad_number_leaves_the_others_exact(convert_text: Convert) -> None:
+    mapping = MAPPING.replace("/imu0/imu", "/gnss0/gnss/integrity").replace('accel = ["ax", "ay", "az"]', 'raw = "ax"')
+    cells = ["9007199254740993", "x", "1e400", " 12 ", "3.0", "1.5", "nan", "-NaN", "99999999999999999999"]
+    result = convert_text("t,ax\n" + "".join(f"{place},{cell}\n" for place, cell in enumerate(cells)), mapping)
+    assert result.recording["/gnss0/gnss/integrity"]["raw"].tolist() == [9007199254740993, 12, 3]
+
+
 @pytest.mark.parametrize(
     ("settings_", "cell", "expected"),
     [
@@ -124,6 +145,7 @@ def test_decimal_times_are_exact(convert_text: Convert, times: list[Decimal], un
         ('column = "t"\nunit = "s"\ndate = "note"\ndate_format = "%d%m%y"', "3600.5", "2014-03-26T01:00:00.5"),
         ('column = "t"\nunit = "s"\ndate = "note"\ndate_format = "%d%m%y"\nzone = "-05:00"', "3600.5", "2014-03-26T06:00:00.5"),
         ('column = "t"\ndate = "note"\nformat = "%d%m%y %H:%M:%S.%f"', "01:02:03.25", "2014-03-26T01:02:03.25"),
+        ('column = "t"\nformat = "iso"', "2025-07-08", "2025-07-08"),
         ('column = "t"\nunit = "1e-7 s"', "15000000000000001", "2017-07-14T02:40:00.0000001"),
     ],
 )

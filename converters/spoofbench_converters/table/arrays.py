@@ -5,12 +5,14 @@ Their rows have no bytes of their own, so the bytes of a file are shared out eve
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from tokenize import TokenError
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.errors import ConversionError, LimitError
+from spoofbench_converters.table.files import read_up_to
 from spoofbench_converters.table.text import Rows
 
 MAX_ARRAY_BYTES = 2**30
@@ -75,14 +77,14 @@ def read_npy(file: IO[bytes], name: str) -> NDArray[Any]:
             raise ValueError(f"version {version}")
         reader = np.lib.format.read_array_header_1_0 if version[0] == 1 else np.lib.format.read_array_header_2_0
         shape, by_columns, dtype = reader(file)
-    except (ValueError, TypeError, SyntaxError, EOFError, RecursionError, MemoryError) as error:
+    except (ValueError, TypeError, SyntaxError, TokenError, EOFError, RecursionError, MemoryError) as error:
         raise ConversionError(f"{name!r} is no NumPy array that can be read: {error}") from error
     if dtype.kind not in "fiubM" or dtype.itemsize > 16 or len(shape) not in (1, 2):
         raise ConversionError(f"{name!r} is an array {shape} of {dtype}, where numbers with one or two axes can be read")
     octets = math.prod(shape) * dtype.itemsize
     if octets > MAX_ARRAY_BYTES:
         raise LimitError(f"the array {name!r} has {octets:,} bytes, more than {MAX_ARRAY_BYTES:,}")
-    content = file.read(octets)
+    content = read_up_to(file, octets)
     if len(content) < octets:
         raise ConversionError(f"the array {name!r} is cut off: it has {len(content):,} of {octets:,} bytes")
     array = np.frombuffer(content, dtype).reshape(shape, order="F" if by_columns else "C")

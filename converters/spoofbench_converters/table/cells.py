@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 NULLS = ("", "nan", "NaN", "NAN", "-nan", "null", "NULL", "None", "none", "NA", "N/A", "n/a", "#N/A")
 """Texts that stand for an empty cell."""
 
-_NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
+_NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?$"
+_WHOLE = r"^[+-]?\d{1,18}$"
+_NAN = r"^[+-]?[nN][aA][nN]$"
 
 Bools = NDArray[np.bool_]
 
@@ -42,11 +44,11 @@ def numbers(cells: Any) -> tuple[NDArray[np.float64], Bools]:
         try:
             parsed = pc.cast(cells, pa.float64())
         except pa.ArrowInvalid:
-            trimmed = pc.utf8_trim_whitespace(cells)
-            trimmed = pc.if_else(pc.is_in(trimmed, pa.array(NULLS)), pa.scalar(None, pa.string()), trimmed)
-            fits = pc.fill_null(pc.match_substring_regex(trimmed, _NUMBER), True)
-            bad = ~_mask(fits)
-            parsed = pc.cast(pc.if_else(fits, trimmed, pa.scalar(None, pa.string())), pa.float64())
+            trimmed = words(cells)
+            trimmed = blanked(trimmed, np.array(pc.fill_null(pc.match_substring_regex(trimmed, _NAN), False)))
+            fits = matching(trimmed, _NUMBER)
+            bad = present(trimmed) & ~fits
+            parsed = pc.cast(blanked(trimmed, ~fits), pa.float64())
     elif pa.types.is_integer(cells.type) or pa.types.is_floating(cells.type) or pa.types.is_boolean(cells.type):
         parsed = pc.cast(cells, pa.float64(), safe=False)
     elif pa.types.is_decimal(cells.type):
@@ -63,17 +65,34 @@ def integers(cells: Any) -> tuple[NDArray[np.int64], Bools, Bools]:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    if is_text(cells) or pa.types.is_integer(cells.type):
-        try:
-            exact = pc.cast(cells, pa.int64())
-        except pa.ArrowInvalid:
-            pass
-        else:
-            return np.asarray(pc.fill_null(exact, 0).to_numpy(zero_copy_only=False)), present(cells), np.zeros(len(cells), bool)
+    if pa.types.is_integer(cells.type):
+        fits = present(cells) & ~np.asarray(pc.fill_null(pc.greater(cells, 2**63 - 1), False))
+        return np.asarray(pc.fill_null(pc.cast(blanked(cells, ~fits), pa.int64()), 0)), fits, present(cells) & ~fits
+    whole = np.zeros(len(cells), bool)
     values, bad = numbers(cells)
+    exact = np.zeros(len(cells), np.int64)
+    if is_text(cells):
+        trimmed = words(cells)
+        whole = matching(trimmed, _WHOLE)
+        exact = np.asarray(pc.fill_null(pc.cast(blanked(trimmed, ~whole), pa.int64()), 0))
     there = ~np.isnan(values)
-    odd = there & ((values != np.rint(values)) | (np.abs(values) > 2**53))
-    return np.where(there & ~odd, values, 0.0).astype(np.int64), there & ~odd, bad | odd
+    odd = there & ~whole & ((values != np.rint(values)) | (np.abs(values) > 2**53))
+    return np.where(whole, exact, np.where(there & ~odd & ~whole, values, 0.0).astype(np.int64)), there & ~odd, bad | odd
+
+
+def matching(texts: Any, pattern: str) -> Bools:
+    """Which texts match a pattern; empty cells do not."""
+    import pyarrow.compute as pc
+
+    return _mask(pc.fill_null(pc.match_substring_regex(texts, pattern), False))
+
+
+def blanked(cells: Any, gone: Bools) -> Any:
+    """Return cells with some of them emptied."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    return pc.if_else(pa.array(gone), pa.scalar(None, cells.type), cells)
 
 
 def words(cells: Any) -> Any:
@@ -83,7 +102,7 @@ def words(cells: Any) -> Any:
 
     texts = cells if is_text(cells) else pc.cast(cells, pa.string())
     trimmed = pc.utf8_trim_whitespace(texts)
-    return pc.if_else(pc.equal(trimmed, ""), pa.scalar(None, pa.string()), trimmed)
+    return pc.if_else(pc.is_in(trimmed, pa.array(NULLS)), pa.scalar(None, pa.string()), trimmed)
 
 
 def matches(cells: Any, wanted: tuple[str, ...]) -> Bools:

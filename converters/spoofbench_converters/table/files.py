@@ -13,6 +13,7 @@ from spoofbench.converting.sources import HEAD_BYTES
 from spoofbench.errors import LimitError
 
 MAX_FILE_BYTES = 2 * 2**30
+PIECE_BYTES = 2**22
 
 FileFormat = Literal["csv", "parquet", "mat", "npy"]
 
@@ -50,7 +51,7 @@ class File:
             LimitError: it is too large for a format that cannot be streamed.
         """
         with self.open() as file:
-            content = file.read(MAX_FILE_BYTES + 1)
+            content = read_up_to(file, MAX_FILE_BYTES + 1)
         if len(content) > MAX_FILE_BYTES:
             raise LimitError(f"{self.name!r} has more than {MAX_FILE_BYTES:,} bytes")
         return content
@@ -74,6 +75,14 @@ class File:
             return self.content.size
         with self.open() as file:
             return self.content.path.stat().st_size if _is_plain(file) else None
+
+
+def read_up_to(file: IO[bytes], octets: int) -> bytes:
+    """Return the next bytes of a file, at most so many; what is not there costs no memory."""
+    content = bytearray()
+    while len(content) < octets and (piece := file.read(min(octets - len(content), PIECE_BYTES))):
+        content += piece
+    return bytes(content)
 
 
 def _is_plain(file: IO[bytes]) -> bool:

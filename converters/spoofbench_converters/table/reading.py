@@ -90,15 +90,16 @@ def _names(table: TableSpec, head: Head, name: str) -> tuple[str, ...]:
 
 def _npy_rows(table: TableSpec, files: Sequence[File], base: int) -> Iterator[Rows | Rejects]:
     found: dict[str, NDArray[Any]] = {}
+    octets = 0
     for file in files:
         name = array_name(file)
         if name in found:
             raise ConversionError(f"two arrays are called {name!r}: convert one session at a time")
-        with file.open() as opened:
-            found[name] = arrays.read_npy(opened, file.name)
+        content = io.BytesIO(file.whole())
+        found[name] = arrays.read_npy(content, file.name)
+        octets += content.getbuffer().nbytes
     together: arrays.Arrays = arrays.matched(found, table.layout.index) if table.layout.index else found
     used_columns(table, arrays.column_names(together))
-    octets = sum(file.size() or 0 for file in files)
     yield from arrays.rows_of(together, (), arrays.Shares(base, octets, _length(together)))
 
 

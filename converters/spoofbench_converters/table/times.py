@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench_converters.table.cells import Bools, is_text, numbers, present, words
+from spoofbench_converters.table.cells import Bools, numbers, words
+from spoofbench_converters.table.counting import LIMIT_NS, counts
 from spoofbench_converters.table.fields import TimeSpec
 
 SECOND_NS = 1_000_000_000
@@ -23,7 +24,6 @@ _LEAPS = (
 )
 _LEAP_UTC_NS = np.array(_LEAPS.split(), "datetime64[ns]").astype(np.int64)
 _LEAP_GPS_NS = _LEAP_UTC_NS + np.arange(1, _LEAP_UTC_NS.size + 1) * SECOND_NS
-_LIMIT_NS = 2**62
 _ZONED = r"[0-9](Z|z|[+-][0-9]{2}(:?[0-9]{2})?)$"
 
 
@@ -69,13 +69,13 @@ class Clock:
             time_ns = gps_to_utc(time_ns, spec.leap_seconds)
         elif spec.unit is not None and (spec.date is not None or spec.of_day):
             time_ns = time_ns - offset_ns(spec)
-        bad = bad | (np.abs(time_ns) >= _LIMIT_NS)
+        bad = bad | (np.abs(time_ns) >= LIMIT_NS)
         return np.where(bad, 0, time_ns), bad
 
     def _counts(self, cells: Any) -> tuple[NDArray[np.int64], Bools]:
         """Return the numbers as nanoseconds; those that count from very long ago as Unix time."""
         since_ns, ns_per_unit = self.spec.since_ns or 0, ns_per(self.spec)
-        if abs(since_ns) < _LIMIT_NS:
+        if abs(since_ns) < LIMIT_NS:
             return counts(cells, ns_per_unit)
         import pyarrow as pa
 
@@ -93,7 +93,7 @@ class Clock:
         if spec.date is not None:
             return _dates(columns[spec.date], spec.date_format)
         since_ns = self._start_ns if spec.since_ns is None else spec.since_ns
-        return since_ns if abs(since_ns) < _LIMIT_NS else 0, False
+        return since_ns if abs(since_ns) < LIMIT_NS else 0, False
 
     def _turned(self, count_ns: NDArray[np.int64], bad: Bools) -> NDArray[np.int64]:
         """Return what is to be added because the count started over, or went back before that again."""
@@ -108,71 +108,6 @@ class Clock:
         self._last_ns, self._turns = int(counts_ns[-1]), int(turns[-1])
         added[good] = turns * self._turn_ns
         return added
-
-
-def counts(cells: Any, ns_per_unit: Fraction) -> tuple[NDArray[np.int64], Bools]:
-    """Return numbers of a unit of time as nanoseconds, int64 ``(n,)``, and which cells are none: exact for decimal text and integers."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    if pa.types.is_timestamp(cells.type):
-        exact = pc.cast(cells, pa.timestamp("ns", cells.type.tz), safe=False)
-        return np.asarray(pc.fill_null(pc.cast(exact, pa.int64()), 0).to_numpy(zero_copy_only=False)), ~present(cells)
-    if pa.types.is_decimal(cells.type):
-        cells = pc.cast(cells, pa.string())
-    if is_text(cells):
-        exact_ns = _decimals(cells, ns_per_unit)
-        if exact_ns is not None:
-            return exact_ns, ~present(cells)
-        cells = _integers(cells)
-    if pa.types.is_integer(cells.type):
-        whole = pc.fill_null(cells, 0).to_numpy(zero_copy_only=False)
-        bad = ~present(cells) | (np.abs(whole.astype(np.float64)) >= _LIMIT_NS / float(ns_per_unit))
-        return _scaled(np.where(bad, 0, whole).astype(np.int64), np.zeros(len(cells)), ns_per_unit), bad
-    values, bad = numbers(cells)
-    bad = bad | np.isnan(values) | (np.abs(values) >= _LIMIT_NS / float(ns_per_unit))
-    values = np.where(bad, 0.0, values)
-    floor = np.floor(values)
-    return _scaled(floor.astype(np.int64), values - floor, ns_per_unit), bad
-
-
-def _scaled(whole: NDArray[np.int64], part: NDArray[np.float64], ns_per_unit: Fraction) -> NDArray[np.int64]:
-    up, down = ns_per_unit.numerator, ns_per_unit.denominator
-    if down == 1:
-        return np.asarray(whole * up + np.rint(part * up).astype(np.int64))
-    return np.asarray(whole // down * up + np.rint((whole % down + part) * up / down).astype(np.int64))
-
-
-def _integers(cells: Any) -> Any:
-    """Return texts as integers if all are, else as they are."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    try:
-        return pc.cast(cells, pa.int64())
-    except pa.ArrowInvalid:
-        return cells
-
-
-def _decimals(cells: Any, ns_per_unit: Fraction) -> NDArray[np.int64] | None:
-    """Return decimal text as nanoseconds, exactly; None if some cell is no decimal number of at most nine digits behind the nanosecond."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    digits = {10**9: 9, 10**6: 6, 10**3: 3, 1: 0}.get(ns_per_unit.numerator if ns_per_unit.denominator == 1 else 0)
-    if digits is None:
-        return None
-    try:
-        exact = pc.cast(cells, pa.decimal128(38, digits))
-    except pa.ArrowInvalid:
-        try:
-            exact = pc.cast(pc.round(pc.cast(cells, pa.decimal128(38, digits + 9)), ndigits=digits), pa.decimal128(38, digits))
-        except pa.ArrowInvalid:
-            return None
-    exact = pc.fill_null(exact, 0)
-    pairs = np.frombuffer(exact.buffers()[1], np.int64)[2 * exact.offset :][: 2 * len(exact)].reshape(-1, 2)
-    low, high = pairs[:, 0], pairs[:, 1]
-    return None if np.any(high != low >> 63) else low.copy()
 
 
 def _texts(spec: TimeSpec, columns: Mapping[str, Any]) -> tuple[NDArray[np.int64], Bools]:
@@ -191,8 +126,7 @@ def _texts(spec: TimeSpec, columns: Mapping[str, Any]) -> tuple[NDArray[np.int64
     elif "%z" not in spec.format:
         zoned[:] = False
     parsed = pd.to_datetime(texts.to_pandas(), format="ISO8601" if spec.format == "iso" else spec.format, utc=True, errors="coerce")
-    bad = np.asarray(parsed.isna())
-    time_ns = parsed.dt.as_unit("ns").to_numpy(dtype="datetime64[ns]").astype(np.int64)
+    time_ns, bad = _to_ns(parsed)
     return np.where(bad, 0, time_ns - np.where(zoned, 0, offset_ns(spec))), bad
 
 
@@ -200,11 +134,17 @@ def _dates(cells: Any, pattern: str) -> tuple[NDArray[np.int64], Bools]:
     """Return midnights of a column of dates, and which cells are no date."""
     import pandas as pd
 
-    parsed = pd.to_datetime(
-        words(cells).to_pandas(), format="ISO8601" if pattern == "iso" else pattern, utc=True, errors="coerce"
-    ).dt.floor("D")
-    bad = np.asarray(parsed.isna())
-    return np.where(bad, 0, parsed.dt.as_unit("ns").to_numpy(dtype="datetime64[ns]").astype(np.int64)), bad
+    written = "ISO8601" if pattern == "iso" else pattern
+    return _to_ns(pd.to_datetime(words(cells).to_pandas(), format=written, utc=True, errors="coerce").dt.floor("D"))
+
+
+def _to_ns(moments: Any) -> tuple[NDArray[np.int64], Bools]:
+    """Return a pandas series of times as Unix time, and which are none, or beyond what nanoseconds can count."""
+    import pandas as pd
+
+    within = moments.between(pd.Timestamp("1823-01-01", tz="UTC"), pd.Timestamp("2116-01-01", tz="UTC"))
+    bounded = moments.where(within, pd.Timestamp(0, tz="UTC"))
+    return bounded.dt.as_unit("ns").dt.tz_localize(None).to_numpy(dtype="datetime64[ns]").astype(np.int64), ~np.asarray(within)
 
 
 def ns_per(spec: TimeSpec) -> Fraction:
