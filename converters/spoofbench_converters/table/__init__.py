@@ -75,8 +75,9 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
         first = next(session.tables()).topics[0]
         yield Block(first.topic, Table(first.kind, np.zeros(0, np.int64), {}), session.tags.size() or 0)
     for file in session.unused:
-        yield Reject(base, file.size() or 0, "a file that is not in the mapping")
-        base += file.size() or 0
+        octets = file.count()
+        yield Reject(base, octets, "a file that is not in the mapping")
+        base += octets
     if options.session is not None:
         yield Facts({"recording": {"session_id": options.session}})
 

@@ -5,12 +5,13 @@ import io
 import shutil
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import IO, Literal
 
 from spoofbench.converting import Member, Source
 from spoofbench.converting.sources import HEAD_BYTES
-from spoofbench.errors import LimitError
+from spoofbench.errors import ConversionError, LimitError
 
 MAX_FILE_BYTES = 2 * 2**30
 PIECE_BYTES = 2**22
@@ -75,6 +76,14 @@ class File:
             return self.content.size
         with self.open() as file:
             return self.content.path.stat().st_size if _is_plain(file) else None
+
+    def count(self) -> int:
+        """Return how many bytes it has, unpacked as far as that goes."""
+        octets = 0
+        with suppress(ConversionError), self.open() as file:
+            while piece := file.read(PIECE_BYTES):
+                octets += len(piece)
+        return octets
 
 
 def read_up_to(file: IO[bytes], octets: int) -> bytes:
