@@ -1,8 +1,11 @@
 """A mapping says what it must, or is refused in a sentence that says where."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from spoofbench_converters.table.mapping import load_mapping, read_mapping, ready_names
 
 from spoofbench.errors import ConversionError
@@ -96,3 +99,30 @@ def test_ready_mappings_are_sound(name: str) -> None:
     assert mapping.about
     sources = {topic.source or "reference" for table in mapping.tables for topic in table.topics}
     assert {record.removeprefix("source/") for record in mapping.sources} == sources
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.data())
+def test_any_change_is_read_or_refused(data: st.DataObject) -> None:
+    lines = GOOD.split("\n")
+    words = [
+        "3",
+        "-1",
+        "true",
+        '"x"',
+        "[]",
+        "{}",
+        "[1]",
+        '["a", "b", "c"]',
+        "{ column = 1 }",
+        "{ value = [] }",
+        "1979-05-27",
+        "inf",
+        "{ columns = 3 }",
+    ]
+    for _ in range(data.draw(st.integers(1, 3))):
+        place = data.draw(st.integers(0, len(lines) - 1))
+        key, equals, _ = lines[place].partition(" = ")
+        lines[place] = data.draw(st.sampled_from(["", f"{key} = {data.draw(st.sampled_from(words))}" if equals else key, lines[place - 1]]))
+    with suppress(ConversionError):
+        read_mapping("\n".join(lines).encode(), "changed")

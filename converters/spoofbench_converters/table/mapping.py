@@ -25,8 +25,8 @@ A mapping has tables, a table has a time and topics, a topic has fields, and a f
     lat_deg = "lat"                                     # in the field's own unit
     fix_type = { column = "q", values = { 1 = "RTK_FIXED", 2 = "RTK_FLOAT" } }
 
-The README beside the ready mappings lists every key. A leading minus negates a column. The columns of a ROS message are the paths of its fields
-(``imu.linear_acceleration.x``), and those of an array ``value[0]``.
+The README beside the ready mappings lists every key. A leading minus negates a column. The columns of a ROS message are
+the paths of its fields (``imu.linear_acceleration.x``), and those of an array ``value[0]``.
 """
 
 import tomllib
