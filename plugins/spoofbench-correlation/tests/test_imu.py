@@ -59,12 +59,37 @@ def test_later_rows_change_no_bit() -> None:
     assert np.concatenate(whole).tobytes() == np.concatenate(part).tobytes()
 
 
-def test_an_interval_with_an_unknown_value_has_no_mean() -> None:
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.floats(0, 0.3))
+def test_an_unknown_value_is_a_row_that_is_not_there(seed: int, averaged: bool, share: float) -> None:
+    """Each of the two sensors has its own rows, bit for bit."""
+    table, edges = rows(seed, 300, averaged), np.arange(4) * SECOND * 3 // 4
+    rng = np.random.default_rng(seed + 1)
+    lost = {name: rng.random(len(table)) < share for name in ("accel_y_mps2", "gyro_z_radps")}
+    found = imu.interval_means(table.replace(**{n: np.where(gone, np.nan, table[n]) for n, gone in lost.items()}), edges[:-1], edges[1:])
+    for mean, which, gone in zip(found, ("force_mps2", "rate_radps"), lost.values(), strict=True):
+        expected = getattr(imu.interval_means(table.take(~gone), edges[:-1], edges[1:]), which)
+        assert mean.tobytes() == expected.tobytes()
+
+
+def test_sensors_that_tick_apart_are_as_good_as_together() -> None:
+    """Accelerometer and gyroscope in turn, at 100 Hz each: all of the time is covered, and standstill is known."""
+    time_ns = np.arange(1, 1001) * SECOND // 200
+    even = np.arange(1000) % 2 == 0
+    columns = {name: np.where(even == name.startswith("accel"), 1e-3, np.nan) for name in NAMES}
+    table, edges = Table("imu", time_ns, columns), np.arange(5) * SECOND
+    found = imu.interval_means(table, edges[:-1], edges[1:])
+    np.testing.assert_allclose(np.concatenate(found), 1e-3, rtol=1e-12)
+    assert imu.is_stationary(table, edges[2:], imu.Rest()).tolist() == [1, 1, 1]
+
+
+def test_too_many_unknown_values_have_no_mean() -> None:
     table = rows(4, 300, averaged=True)
     values = table["accel_y_mps2"].copy()
-    values[150] = np.nan
+    values[120:170] = np.nan
     found = imu.interval_means(table.replace(accel_y_mps2=values), np.array([0, SECOND]), np.array([SECOND, 2 * SECOND]))
-    assert np.isnan(found.force_mps2).tolist() == [[False, False], [False, True], [False, False]]
+    assert np.isnan(found.force_mps2).tolist() == [[False, True]] * 3
+    assert not np.isnan(found.rate_radps).any()
 
 
 def test_one_row_per_second_is_no_mean() -> None:

@@ -30,15 +30,16 @@ class Motion(NamedTuple):
 def interval_means(imu: Table, start_ns: Times, end_ns: Times) -> Motion:
     """Mean specific force and angular rate over the intervals ``(start, end]``.
 
-    A row that is averaged over ``interval_s`` contributes its increment to the interval in which it ends.
+    A row that is averaged over ``interval_s`` contributes its increment to the interval in which it ends. A row that lacks
+    one of the two says nothing of it: accelerometer and gyroscope may tick apart.
 
     Args:
         imu: rows of kind ``imu``.
         start_ns: shape ``(n,)``.
         end_ns: shape ``(n,)``, not before ``start_ns``.
     """
-    means = _means(imu, [imu[name] for name in FORCE + RATE], start_ns, end_ns)
-    return Motion(means[:3], means[3:])
+    force, rate = (_means(imu, [imu[name] for name in names], start_ns, end_ns) for names in (FORCE, RATE))
+    return Motion(force, rate)
 
 
 class Rest(NamedTuple):
@@ -67,24 +68,26 @@ def is_stationary(imu: Table, time_ns: Times, rest: Rest) -> Floats:
     return np.where(np.isnan(force_std) | np.isnan(rate_rms), np.nan, still)
 
 
-def _weights(imu: Table) -> Floats:
+def _weights(time_ns: Times, interval_s: Floats) -> Floats:
     """Seconds that each row stands for: its averaging interval, or for a sampled row the time since the last."""
-    interval = imu["interval_s"]
-    sampled = ~(interval > 0)
+    sampled = ~(interval_s > 0)
     if not sampled.any():
-        return interval
-    elapsed = np.diff(imu.time_ns, prepend=imu.time_ns[:1]) / 1e9
-    return np.where(sampled, np.minimum(elapsed, GAP_S), interval)
+        return interval_s
+    elapsed = np.diff(time_ns, prepend=time_ns[:1]) / 1e9
+    return np.where(sampled, np.minimum(elapsed, GAP_S), interval_s)
 
 
 def _means(imu: Table, columns: Sequence[Floats], start_ns: Times, end_ns: Times) -> Floats:
-    """Means of k columns over the rows within each ``(start, end]``, weighted by seconds, shape ``(k, n)``."""
-    first, last = np.searchsorted(imu.time_ns, start_ns, "right"), np.searchsorted(imu.time_ns, end_ns, "right")
-    weight = _weights(imu)
+    """Means of k columns over the rows within each ``(start, end]`` that have them all, weighted by seconds, shape ``(k, n)``."""
+    time_ns, interval_s, known = imu.time_ns, imu["interval_s"], ~np.isnan(columns).any(axis=0)
+    if not known.all():
+        time_ns, interval_s, columns = time_ns[known], interval_s[known], [column[known] for column in columns]
+    first, last = np.searchsorted(time_ns, start_ns, "right"), np.searchsorted(time_ns, end_ns, "right")
+    weight = _weights(time_ns, interval_s)
     # reduceat sums each interval on its own, so no mean depends on where the recording starts or ends. It wants
     # starts that exist: one zero more than there are rows stands behind the last.
     edges = np.stack((first, last), axis=1).ravel()
-    increments = np.zeros(len(imu) + 1)
+    increments = np.zeros(time_ns.size + 1)
     sums = []
     for column in (np.ones(1), *columns):
         np.multiply(column, weight, out=increments[:-1])
