@@ -89,7 +89,9 @@ def _write(table: TableSpec, columns: ByName[str, Any], path: Path) -> None:
         pq.write_table(pa.table(whole), part)
     else:
         is_blank = layout.delimiter == "whitespace"
-        texts = {name: pc.cast(column, pa.string()) for name, column in whole.items()}
+        texts = whole
+        if is_blank or layout.decimal_comma:
+            texts = {name: pc.cast(column, pa.string()) for name, column in whole.items()}
         if layout.decimal_comma:
             numeric = {name for name, column in whole.items() if not pa.types.is_string(column.type)}
             texts = {name: pc.replace_substring(column, ".", ",") if name in numeric else column for name, column in texts.items()}
