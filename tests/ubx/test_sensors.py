@@ -76,6 +76,7 @@ def test_raw_samples_bear_the_sensors_clock(ubx: Any, start: int, gaps_ms: list[
     assert len(decoded.tables[IMU]) == len(gaps_ms)
     assert np.diff(decoded.tick_ns[IMU]).tolist() == pytest.approx((np.diff(expected) * 39_062.5).tolist(), abs=1)
     assert decoded.about["imu0"]["message"] == "ESF-RAW"
+    assert decoded.about["imu0"]["tick_basis"].startswith("39.0625 us")
 
 
 def test_providers_are_sources_as_they_appear(ubx: Any) -> None:

@@ -15,7 +15,7 @@ from spoofbench_converters.ubx.claims import Clockwork
 from spoofbench_converters.ubx.device import Device
 from spoofbench_converters.ubx.frames import Held, accept
 from spoofbench_converters.ubx.grouping import Grouper
-from spoofbench_converters.ubx.inertial import Sensors
+from spoofbench_converters.ubx.inertial import TICK_BASIS, Sensors
 from spoofbench_converters.ubx.merging import merged
 from spoofbench_converters.ubx.solution import Solutions
 
@@ -119,6 +119,7 @@ class UbxDecoder:
             if source in told:
                 told[source] |= {
                     "message": message,
+                    "tick_basis": TICK_BASIS[message],
                     **({"provider": str(number)} if message == "ESF-MEAS" else {}),
                     **self._device.alignment,
                 }

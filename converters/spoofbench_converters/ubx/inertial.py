@@ -31,6 +31,12 @@ _RAW_BITS, _RAW_TICK_NS = 24, 39_062.5
 """The counter of ESF-RAW, which no interface description tells: SENSORTIME of the Bosch BMI160 in u-blox M8 receivers (its data sheet)."""
 _RAW_TICKS_PER_MS = MS_NS / _RAW_TICK_NS
 
+TICK_BASIS = {
+    "ESF-MEAS": "1 ms, as receivers stamp their own sensors; not documented",
+    "ESF-RAW": f"{_RAW_TICK_NS / 1e3:g} us, of the BMI160 in u-blox M8 receivers; not documented",
+}
+"""How long a tick of each message is taken to be, and why."""
+
 
 @dataclass(slots=True)
 class _Counter:
