@@ -4,12 +4,13 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet
 PLUGINS := $(wildcard plugins/*/pyproject.toml)
 
-.PHONY: demo test lint bench schema
+.PHONY: demo test lint bench schema reproduce agreement fuzz
 
 demo: .venv/runtime  ## convert a real drive, attack it, run the detectors, print the leaderboard
 	$(BIN)/spoofbench demo -o demo
 
-test: .venv/development
+test: export OPENBLAS_NUM_THREADS ?= 1
+test: .venv/development  ## on one thread each: threads only slow small matrices down
 	$(BIN)/python -m pytest
 
 lint: .venv/development
@@ -19,6 +20,15 @@ lint: .venv/development
 
 bench: .venv/bench  ## speed against other libraries, side by side
 	$(BIN)/python -m benchmarks.speed
+
+reproduce: .venv/runtime  ## the papers' tables and figures beside ours, in benchmarks/reproductions
+	$(BIN)/spoofbench reproduce tanil2018 kujur lo2017 borio -o benchmarks/reproductions
+
+agreement: .venv/bench  ## our converters against other parsers, on the logs in ../shared/data
+	$(BIN)/python -m benchmarks.agreement
+
+fuzz: .venv/runtime  ## mutated logs against every converter and the reader of recordings
+	$(BIN)/python -m benchmarks.fuzz
 
 schema: .venv/development  ## regenerate the protobuf modules
 	$(BIN)/python schemas/generate.py
