@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from spoofbench.converting import Columns, Facts, Item, Rejects
 from spoofbench.converting.ordering import take
-from spoofbench.errors import ConversionError
 from spoofbench.gps_time import GPS_EPOCH_NS, leap_seconds_at_gps
 from spoofbench_converters.phone import android, gnssform
 from spoofbench_converters.phone import lines as text
@@ -17,7 +16,7 @@ from spoofbench_converters.phone.device import ACCEL, AXES, BODY, DEVICE_AXES, G
 from spoofbench_converters.phone.gnssform import ELAPSED, SENSORS, UNIX, UTC, Form
 from spoofbench_converters.phone.lines import Lines
 from spoofbench_converters.phone.options import Options
-from spoofbench_converters.phone.parts import Part, text_parts
+from spoofbench_converters.phone.parts import Part, only, text_parts
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, WRONG_WIDTH, Sheet
 from spoofbench_converters.phone.streams import Stream, in_file_order, rejects, used
 
@@ -55,18 +54,17 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     Raises:
         ConversionError: there are several.
     """
-    logs = [part for part in text_parts(parts) if gnssform.likeness(part.head)]
-    if len(logs) > 1:
-        raise ConversionError(f"there are several logs, {logs[0].name!r} and {logs[1].name!r} among them; convert one at a time")
-    log = _Log(*gnssform.survey(logs[0]), options)
-    with logs[0].open() as file:
-        for lines in text.read_lines(file, logs[0].origin):
+    part = only([part for part in text_parts(parts) if gnssform.likeness(part.head)], "logs")
+    assert part is not None
+    log = _Log(*gnssform.survey(part), options)
+    with part.open() as file:
+        for lines in text.read_lines(file, part.origin):
             if isinstance(lines, Lines):
                 yield from log.take(lines)
             else:
                 yield lines
     yield from log.finish()
-    yield from (part.passed_over() for part in parts if part is not logs[0])
+    yield from (other.passed_over() for other in parts if other is not part)
 
 
 class _Log:

@@ -17,7 +17,7 @@ from spoofbench_converters.phone.chip import Chip
 from spoofbench_converters.phone.device import AXES, NO_POSITION, NO_TIME
 from spoofbench_converters.phone.gnssform import ELAPSED, UNIX, UTC, raw_elapsed, raw_utc
 from spoofbench_converters.phone.options import Options
-from spoofbench_converters.phone.parts import Form, Part, sheets, text_parts
+from spoofbench_converters.phone.parts import Form, Part, only, sheets, text_parts
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
 from spoofbench_converters.phone.streams import Stream, in_file_order, rejects
 
@@ -42,10 +42,24 @@ def _is(part: Part, columns: frozenset[str]) -> bool:
     return columns <= set(Form.of(part.head).names)
 
 
-def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
-    """Yield what a drive of one phone holds."""
+def tables(parts: Sequence[Part]) -> tuple[Part | None, Part | None, Part | None]:
+    """Return the tables of the measurements, of the inertial sensors and of the reference.
+
+    Raises:
+        ConversionError: there are two of one.
+    """
     text = text_parts(parts)
-    gnss, imu, truth = (next((part for part in text if _is(part, columns)), None) for columns in (_GNSS, _IMU, _TRUTH))
+    gnss, imu, truth = ([part for part in text if _is(part, columns)] for columns in (_GNSS, _IMU, _TRUTH))
+    return only(gnss, "tables of measurements"), only(imu, "tables of sensors"), only(truth, "references")
+
+
+def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
+    """Yield what a drive of one phone holds.
+
+    Raises:
+        ConversionError: there are several drives.
+    """
+    gnss, imu, truth = tables(parts)
     axis, steps = _axis(gnss, imu), Steps()
     if imu:
         yield from _sensors(imu, axis, steps)

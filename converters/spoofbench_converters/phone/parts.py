@@ -118,6 +118,17 @@ def sheets(part: Part, form: Form, normal: Callable[[str], str] = str) -> Iterat
                 yield Sheet(rows.take(right) if not right.all() else rows, places, form.decimal_comma)
 
 
+def only(parts: Sequence[Part], what: str) -> Part | None:
+    """Return the one file there is, None where there is none.
+
+    Raises:
+        ConversionError: there are several.
+    """
+    if len(parts) > 1:
+        raise ConversionError(f"there are several {what}, {parts[0].name!r} and {parts[1].name!r} among them; convert one at a time")
+    return parts[0] if parts else None
+
+
 def told(part: Part) -> Iterator[Block | Reject]:
     """Yield the account of a file that told something about the log: all of its bytes."""
     length = 0

@@ -103,20 +103,36 @@ def _table(part: Part) -> Table | None:
     return Table(part, form, time, mine) if time and mine else None
 
 
+def tables(parts: Sequence[Part]) -> list[Table]:
+    """Return the tables that are understood.
+
+    Raises:
+        ConversionError: two tell the same.
+    """
+    found = [table for part in text_parts(parts) if (table := _table(part))]
+    owners: dict[str, Part] = {}
+    for table in found:
+        for quantity in table.quantities.values():
+            other = owners.setdefault(quantity.field, table.part)
+            if other is not table.part:
+                raise ConversionError(f"{other.name!r} and {table.part.name!r} tell the same; convert one experiment at a time")
+    return found
+
+
 def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     """Yield what an experiment holds.
 
     Raises:
-        ConversionError: nothing says when it began.
+        ConversionError: nothing says when it began, or there are several.
     """
-    tables = [table for part in text_parts(parts) if (table := _table(part))]
+    understood = tables(parts)
     times = next((part for part in text_parts(parts) if {"event", "experiment time", "system time"} <= set(Form.of(part.head).names)), None)
     clock = _clock(times, options)
     session = {"session_id": options.session} if options.session else {}
     yield Facts({"recording": {"clock": "sensor", "clock_basis": clock.basis, **clock.about, **session}})
     about = _device(parts)
     for family, (kind, fields) in _FAMILIES.items():
-        mine = {table.part.name: table for table in tables if table.family == family}
+        mine = {table.part.name: table for table in understood if table.family == family}
         if mine:
             stream = Stream(f"{family}0", kind, fields, inputs=tuple(mine))
             yield from together(stream, {name: _rows(table, clock) for name, table in mine.items()})
@@ -125,7 +141,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     for part in parts:
         if part is times:
             yield from told(part)
-        elif all(part is not table.part for table in tables):
+        elif all(part is not table.part for table in understood):
             yield part.passed_over()
 
 

@@ -19,7 +19,7 @@ from spoofbench.errors import ConversionError
 from spoofbench_converters.phone import device
 from spoofbench_converters.phone.device import AXES, STANDARD_GRAVITY_MPS2, known
 from spoofbench_converters.phone.options import Options
-from spoofbench_converters.phone.parts import Form, Part, sheets, text_parts
+from spoofbench_converters.phone.parts import Form, Part, only, sheets, text_parts
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
 from spoofbench_converters.phone.streams import REPEATED, Stream, in_file_order, rejects
 
@@ -127,13 +127,12 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     Raises:
         ConversionError: there are several; or its rows have no clock.
     """
-    logs = [part for part in text_parts(parts) if _is_table(part)]
-    if len(logs) > 1:
-        raise ConversionError(f"there are several logs, {logs[0].name!r} and {logs[1].name!r} among them; convert one at a time")
-    form = Form.of(logs[0].head)
-    clock = _survey(logs[0], form)
+    part = only([part for part in text_parts(parts) if _is_table(part)], "logs")
+    assert part is not None
+    form = Form.of(part.head)
+    clock = _survey(part, form)
     log = _Log(form, clock)
-    for item in sheets(logs[0], form, normal):
+    for item in sheets(part, form, normal):
         if isinstance(item, Sheet):
             yield from log.take(item)
         else:
@@ -141,7 +140,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     yield from log.finish()
     session = {"session_id": options.session} if options.session else {}
     yield Facts({"recording": {"clock": "sensor", "clock_basis": clock.basis, "boot_unix_ns": str(clock.offset_ns), **session}})
-    yield from (part.passed_over() for part in parts if part is not logs[0])
+    yield from (other.passed_over() for other in parts if other is not part)
 
 
 class Clock(NamedTuple):

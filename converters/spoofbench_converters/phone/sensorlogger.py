@@ -108,7 +108,7 @@ _SIGNED = ("Accelerometer", "Gravity", "TotalAcceleration", "AccelerometerUncali
 
 def sniff(parts: Sequence[Part]) -> float:
     """Return 1 for files of the app, 0 for others."""
-    return float(any(_is_table(part) for part in parts))
+    return float(any(_is_table(part) and (not part.name or part.stem in _SENSORS) for part in parts))
 
 
 def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
@@ -117,24 +117,24 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     Raises:
         ConversionError: there is more than one recording, or one table alone that does not say of which sensor it is.
     """
-    tables = _tables(parts)
+    found = tables(parts)
     metadata = next((part for part in parts if part.stem.lower() == "metadata" and b"device name" in part.head), None)
-    phone, device = _phone(tables, metadata), _device(metadata)
+    phone, device = _phone(found, metadata), _device(metadata)
     recording = {"clock": "sensor", **({"session_id": options.session} if options.session else {})}
     yield Facts({"recording": recording})
-    for source, names in _sources(tables).items():
+    for source, names in _sources(found).items():
         sensor = _SENSORS[names[0]]
         yield Facts({f"source/{source}": {**device, **_about(sensor, names, phone)}})
         if options.source and sensor.family == "gnss" and options.source.upper() != sensor.which:
-            yield from (tables[name].passed_over("fixes of another provider: not asked for") for name in names)
+            yield from (found[name].passed_over("fixes of another provider: not asked for") for name in names)
             continue
         derive = _with_gravity if sensor.family == "imu" else None
         stream = Stream(source, _KINDS[sensor.family], _FIELDS[sensor.family], inputs=names, derive=derive)
-        yield from together(stream, {name: _rows(name, tables[name], phone) for name in names})
+        yield from together(stream, {name: _rows(name, found[name], phone) for name in names})
     for part in parts:
         if part is metadata:
             yield from told(part)
-        elif part not in tables.values():
+        elif part not in found.values():
             yield part.passed_over()
 
 
@@ -142,21 +142,23 @@ def _is_table(part: Part) -> bool:
     return {"time", "seconds_elapsed"} <= set(Form.of(part.head).names)
 
 
-def _tables(parts: Sequence[Part]) -> dict[str, Part]:
-    """Return the tables that are understood, by sensor."""
-    tables: dict[str, Part] = {}
+def tables(parts: Sequence[Part]) -> dict[str, Part]:
+    """Return the tables that are understood, by sensor.
+
+    Raises:
+        ConversionError: there are two of one sensor, or one table alone that does not say of which it is.
+    """
+    found: dict[str, Part] = {}
     for part in parts:
         name = part.stem if part.name else _sensor_of(part)
         if name not in _SENSORS or not _is_table(part):
             continue
-        if name in tables:
-            raise ConversionError(
-                f"there are two tables {name!r}, {tables[name].name!r} and {part.name!r}; convert one recording at a time"
-            )
-        tables[name] = part
-    if "Gravity" in tables and ("Accelerometer" not in tables or "TotalAcceleration" in tables):
-        del tables["Gravity"]
-    return tables
+        if name in found:
+            raise ConversionError(f"there are two tables {name!r}, {found[name].name!r} and {part.name!r}; convert one recording at a time")
+        found[name] = part
+    if "Gravity" in found and ("Accelerometer" not in found or "TotalAcceleration" in found):
+        del found["Gravity"]
+    return found
 
 
 def _sensor_of(part: Part) -> str:
