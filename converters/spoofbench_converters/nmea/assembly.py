@@ -7,6 +7,7 @@ import numpy as np
 
 from spoofbench.converting import Columns, Rejects
 from spoofbench.converting.ordering import take
+from spoofbench.gps_time import SECOND_NS
 from spoofbench_converters.nmea import signals, utc
 from spoofbench_converters.nmea.batch import VIEW, Batch
 from spoofbench_converters.nmea.epochs import Before, Habits, divide
@@ -15,7 +16,7 @@ from spoofbench_converters.nmea.sensors import SENSORS, Sensors
 from spoofbench_converters.nmea.solution import ONE_PER_EPOCH, Solution
 from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS, Epochs, Rows
 
-_NEAR_NS = 10 * utc.SECOND_NS  # a time of its own further from that of the epoch is not believed
+_NEAR_NS = 10 * SECOND_NS  # a time of its own further from that of the epoch is not believed
 _OF_SOLUTION = (*ONE_PER_EPOCH, "GSA", "GRS")
 _WGS84 = int.from_bytes(b"W84", "big")
 _MAX_DATUMS = 8

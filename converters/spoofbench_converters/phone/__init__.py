@@ -37,7 +37,7 @@ def sniff(source: Source) -> float:
 
 def _of_folder(parts: Sequence[Part]) -> float:
     best = max(_OF_FOLDERS, key=lambda form: form.sniff(parts))
-    score = best.sniff(parts)
+    score: float = best.sniff(parts)
     if score:
         best.tables(parts)  # fails where they are of several recordings
     return score
