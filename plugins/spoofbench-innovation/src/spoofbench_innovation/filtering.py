@@ -1,0 +1,208 @@
+"""The filter on measurements: innovations of every epoch, with the gains of the recording."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.recording import Table
+from spoofbench_innovation import error_model, gains
+from spoofbench_innovation.alignment import Start, horizontal_velocity, starts
+from spoofbench_innovation.error_model import AZIMUTH, MEASURED, STATES
+from spoofbench_innovation.gains import BLOCK
+from spoofbench_innovation.grades import Grade
+from spoofbench_innovation.measurements import EARTH_RATE_RADPS, Measurements, gravity_mps2
+from spoofbench_innovation.nominal import Nominal, nominal
+
+Floats = NDArray[np.float64]
+
+TILT_RAD, AZIMUTH_RAD = np.radians(2.0), np.radians(5.0)  # 1 sigma of the levelling and of the azimuth at alignment
+_UNKNOWN = 100.0  # variance at alignment of a velocity or height that is not measured, m^2/s^2 or m^2
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What a filter's covariances rest on besides IMU and epochs.
+
+    Attributes:
+        grade: error parameters of the IMU.
+        lag_ns: how late the epochs are against the IMU.
+        restart_s: a longer time without an epoch ends a run.
+    """
+
+    grade: Grade
+    lag_ns: int
+    restart_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Innovations:
+    """What the measurements of each epoch were not foreseen by, ``m`` epochs.
+
+    Attributes:
+        value: gamma of position, m, and velocity, m/s, in the wander frame, ``(m, 6)``; NaN where not measured.
+        covariance: S, ``(m, 6, 6)``; rows and columns of what is not measured are those of the identity.
+        run: number of the filter's run, -1 where there is none, ``(m,)``.
+    """
+
+    value: Floats
+    covariance: Floats
+    run: NDArray[np.intp]
+
+    @property
+    def measured(self) -> NDArray[np.intp]:
+        """Number of measurements of each epoch, ``(m,)``."""
+        return np.asarray((~np.isnan(self.value)).sum(axis=1))
+
+    @property
+    def squared(self) -> Floats:
+        """gamma^T S^-1 gamma, the normalised innovation squared (NIS), ``(m,)``; 0 where nothing is measured."""
+        value = np.nan_to_num(self.value)
+        return np.asarray(np.vecdot(value, np.linalg.solve(self.covariance, value[:, :, None])[:, :, 0]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shared:
+    """A run of the filter without the measurements, from the step after its start.
+
+    Attributes:
+        matrices: :func:`~spoofbench_innovation.gains.block_matrices`.
+        motion: :func:`~spoofbench_innovation.gains.block_motion`.
+        covariance: S of each step, ``(n, 6, 6)``.
+    """
+
+    matrices: Floats
+    motion: Floats
+    covariance: Floats
+
+
+class _Same:
+    """A table as a key: equal if it is the same object, which the key keeps alive. Tables cannot change."""
+
+    def __init__(self, table: Table) -> None:
+        self.table = table
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.table is other.table
+
+    def __hash__(self) -> int:
+        return id(self.table)
+
+
+@lru_cache(maxsize=2)
+def _modelled(imu: _Same, epoch_ns: bytes, settings: Settings) -> tuple[Nominal, Floats, Floats]:
+    trajectory = nominal(imu.table, np.frombuffer(epoch_ns, np.int64), settings.lag_ns, settings.restart_s)
+    return trajectory, *error_model.model(trajectory, settings.grade)
+
+
+@lru_cache(maxsize=2)
+def _shared(imu: _Same, epoch_ns: bytes, settings: Settings, steps: tuple[int, int], variances: bytes) -> Shared:
+    """``variances`` are those of the states at the start, then those of what each step measures."""
+    trajectory, transition, process = _modelled(imu, epoch_ns, settings)
+    numbers, part = np.frombuffer(variances), slice(*steps)
+    transition = transition[part]
+    found = gains.recursion(np.diag(numbers[:STATES]), transition, process[part], numbers[STATES:].reshape(-1, MEASURED))
+    motion = error_model.free_motion(trajectory.between(part), transition)
+    return Shared(gains.block_matrices(transition, found.gain), gains.block_motion(transition, motion), found.innovation)
+
+
+def innovations(imu: Table, found: Measurements, settings: Settings) -> Innovations:
+    """Run the filter over all runs of a recording.
+
+    What depends on the IMU, the times of the epochs and their variances alone is remembered for the last two recordings.
+    """
+    size = found.time_ns.size
+    value, covariance = np.full((size, MEASURED), np.nan), np.tile(np.eye(MEASURED), (size, 1, 1))
+    run = np.full(size, -1, np.intp)
+    if size < 2:
+        return Innovations(value, covariance, run)
+    key = _Same(imu), found.time_ns.tobytes()
+    trajectory = _modelled(*key, settings)[0]
+    measured_variances = np.where(np.isnan(found.values), np.nan, found.variances)
+    for number, start in enumerate(starts(found, trajectory)):
+        first = int(trajectory.epoch[start.epoch]) + 1
+        epochs = np.flatnonzero((trajectory.epoch >= first) & (trajectory.epoch < start.end))
+        steps = trajectory.epoch[epochs] - first
+        values, noise = np.full((start.end - first, MEASURED), np.nan), np.full((start.end - first, MEASURED), np.nan)
+        values[steps], noise[steps] = found.values[epochs], measured_variances[epochs]
+        variances = np.append(_initial_variances(measured_variances[start.epoch], settings.grade), noise).tobytes()
+        shared = _shared(*key, settings, (first, start.end), variances)
+        state, constants = _start(found, start)
+        value[epochs] = run_filter(shared, values[:, :, None], state[:, None], start.azimuth_rad, constants)[steps, :, 0]
+        covariance[epochs], run[epochs] = shared.covariance[steps], number
+    return Innovations(value, covariance, run)
+
+
+def _initial_variances(measured: Floats, grade: Grade) -> Floats:
+    level = [TILT_RAD**2, TILT_RAD**2, AZIMUTH_RAD**2]
+    return np.concatenate(
+        [np.where(np.isnan(measured), _UNKNOWN, measured), level, [grade.accel_bias_mps2**2] * 3, [grade.gyro_bias_radps**2] * 3]
+    )
+
+
+def _start(found: Measurements, start: Start) -> tuple[Floats, tuple[float, complex, float]]:
+    """Return the state, ``(15,)`` in the wander frame, then gravity and the Earth's rate, north + i east and down."""
+    epoch, state = start.epoch, np.zeros(STATES)
+    state[:MEASURED] = np.nan_to_num(found.values[epoch])
+    velocity = horizontal_velocity(found)[epoch]
+    turn = np.exp(-1j * start.azimuth_rad)
+    for place, value in ((0, complex(*state[:2])), (3, complex(np.nan_to_num(velocity)))):
+        state[place : place + 2] = (value * turn).real, (value * turn).imag
+    lat = float(found.lat_rad[epoch])
+    gravity = gravity_mps2(lat, float(np.nan_to_num(found.height_m[epoch])))
+    return state, (gravity, EARTH_RATE_RADPS * np.cos(lat), -EARTH_RATE_RADPS * np.sin(lat))
+
+
+def run_filter(shared: Shared, values: Floats, state: Floats, azimuth_rad: float, constants: tuple[float, complex, float]) -> Floats:
+    """Return the innovations of many variants of one recording, wander frame, ``(n, 6, v)``; NaN where nothing is measured.
+
+    At the start of each block the estimated error of the azimuth moves into the azimuth, about which alone the trajectory is not
+    levelled; no covariance depends on it.
+
+    Args:
+        shared: what the variants share.
+        values: measurements after each step, NED, ``(n, 6, v)``; NaN where there is none, for all variants alike.
+        state: at the start, wander frame, ``(15, v)``.
+        azimuth_rad: of the wander frame at the start.
+        constants: gravity, m/s^2, and the Earth's rate: north + i east and down, rad/s.
+    """
+    size, _, variants = values.shape
+    blocks = len(shared.matrices)
+    padded = np.zeros((blocks * BLOCK, MEASURED, variants))
+    padded[:size] = np.nan_to_num(values)
+    padded = padded.reshape(blocks, BLOCK, 2, 3, variants)
+    horizontal, vertical = padded[..., 0, :] + 1j * padded[..., 1, :], padded[..., 2, :]
+    result = np.empty((blocks, BLOCK * MEASURED, variants))
+    azimuth = np.full(variants, azimuth_rad)
+    gravity, earth, earth_down = constants
+    inputs, driven = np.empty((STATES + BLOCK * MEASURED, variants)), np.ones((5, variants))
+    driven[1], driven[4] = gravity, earth_down
+    split = inputs[STATES:].reshape(BLOCK, 2, 3, variants)
+    for block in range(blocks):
+        turn = np.exp(-1j * azimuth)
+        driven[2], driven[3] = (earth * turn).real, (earth * turn).imag
+        turned = horizontal[block] * turn
+        split[:, :, 0], split[:, :, 1], split[:, :, 2] = turned.real, turned.imag, vertical[block]
+        moved = shared.motion[block] @ driven
+        inputs[STATES:] -= moved[:-STATES]
+        inputs[:STATES] = state
+        found = shared.matrices[block] @ inputs
+        result[block] = found[:-STATES]
+        state = found[-STATES:] + moved[-STATES:]
+        azimuth = azimuth + state[AZIMUTH]
+        state = _turned(state)
+    innovations = result.reshape(-1, MEASURED, variants)[:size]
+    innovations[np.isnan(values)] = np.nan
+    return innovations
+
+
+def _turned(state: Floats) -> Floats:
+    """Return the state in the wander frame turned by its own error of azimuth, which is then zero."""
+    levels = state[:9].reshape(3, 3, -1)
+    turned = (levels[:, 0] + 1j * levels[:, 1]) * np.exp(-1j * state[AZIMUTH])
+    state = state.copy()
+    levels = state[:9].reshape(3, 3, -1)
+    levels[:, 0], levels[:, 1] = turned.real, turned.imag
+    levels[2, 2] = 0.0
+    return state

@@ -1,0 +1,100 @@
+"""The covariance recursion, and the filter as one matrix per block of steps.
+
+Gains and innovation covariances do not depend on what GNSS measured. With them the filter is linear, so all innovations of a
+block, and the state at its end, are one matrix times the state at its start and the measurements. Whoever runs many variants of a
+recording computes the matrices once.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench_innovation.error_model import MEASURED, STATES
+
+Floats = NDArray[np.float64]
+
+BLOCK = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gains:
+    """What the covariance recursion gives over ``n`` steps.
+
+    Attributes:
+        gain: L_k, ``(n, 15, 6)``; zero columns where nothing is measured.
+        innovation: S_k, ``(n, 6, 6)``; rows and columns of what is not measured are those of the identity.
+    """
+
+    gain: Floats
+    innovation: Floats
+
+
+def recursion(initial: Floats, transition: Floats, process: Floats, noise: Floats) -> Gains:
+    """Run the Kalman filter's covariances over steps, with the updates in Joseph's form.
+
+    Args:
+        initial: P_0 before the first step, ``(15, 15)``.
+        transition: ``(n, 15, 15)``.
+        process: ``(n, 15, 15)``.
+        noise: variances of what is measured of ``r v`` at the end of a step, ``(n, 6)``; NaN where it is not.
+    """
+    gain, innovation = np.zeros((len(noise), STATES, MEASURED)), np.tile(np.eye(MEASURED), (len(noise), 1, 1))
+    covariance, identity = initial, np.eye(STATES)
+    measured = ~np.isnan(noise)
+    for k, (phi, added) in enumerate(zip(transition, process, strict=True)):
+        covariance = phi @ covariance @ phi.T + added
+        rows = np.flatnonzero(measured[k])
+        if not rows.size:
+            continue
+        spread = covariance[np.ix_(rows, rows)] + np.diag(noise[k, rows])
+        weights = np.linalg.solve(spread, covariance[rows]).T
+        kept = identity.copy()
+        kept[:, rows] -= weights
+        covariance = kept @ covariance @ kept.T + (weights * noise[k, rows]) @ weights.T
+        covariance = (covariance + covariance.T) / 2
+        gain[k][:, rows] = weights
+        innovation[k][np.ix_(rows, rows)] = spread
+    return Gains(gain, innovation)
+
+
+def block_matrices(transition: Floats, gain: Floats) -> Floats:
+    """Return the filter over each block, ``(b, 6 B + 15, 15 + 6 B)`` with B = 16 steps in a block.
+
+    It takes the state at the start and the measurements to the innovations and the state at the end; free motion is not in it. The
+    last block is filled up with steps in which nothing happens.
+    """
+    blocks = -(-len(gain) // BLOCK)
+    missing = blocks * BLOCK - len(gain)
+    phi = np.concatenate([transition, np.tile(np.eye(STATES), (missing, 1, 1))]).reshape(blocks, BLOCK, STATES, STATES)
+    weight = np.concatenate([gain, np.zeros((missing, STATES, MEASURED))]).reshape(blocks, BLOCK, STATES, MEASURED)
+    width = STATES + MEASURED * BLOCK
+    result = np.zeros((blocks, MEASURED * BLOCK + STATES, width))
+    state = np.tile(np.eye(STATES, width), (blocks, 1, 1))
+    for step in range(BLOCK):
+        rows = slice(MEASURED * step, MEASURED * (step + 1))
+        predicted = phi[:, step] @ state
+        innovations = -predicted[:, :MEASURED]
+        innovations[:, :, STATES + rows.start : STATES + rows.stop] += np.eye(MEASURED)
+        state = predicted + weight[:, step] @ innovations
+        result[:, rows] = innovations
+    result[:, -STATES:] = state
+    return result
+
+
+def block_motion(transition: Floats, motion: Floats) -> Floats:
+    """Return the free motion from zero at the start of each block: ``r v`` after each step, all states after the last.
+
+    Shape ``(b, 6 B + 15, c)`` for ``motion`` of shape ``(n, 15, c)``.
+    """
+    blocks = -(-len(motion) // BLOCK)
+    missing = blocks * BLOCK - len(motion)
+    phi = np.concatenate([transition, np.tile(np.eye(STATES), (missing, 1, 1))]).reshape(blocks, BLOCK, STATES, STATES)
+    moved = np.concatenate([motion, np.zeros((missing, *motion.shape[1:]))]).reshape(blocks, BLOCK, *motion.shape[1:])
+    result = np.zeros((blocks, MEASURED * BLOCK + STATES, motion.shape[2]))
+    state = np.zeros((blocks, STATES, motion.shape[2]))
+    for step in range(BLOCK):
+        state = phi[:, step] @ state + moved[:, step]
+        result[:, MEASURED * step : MEASURED * (step + 1)] = state[:, :MEASURED]
+    result[:, -STATES:] = state
+    return result

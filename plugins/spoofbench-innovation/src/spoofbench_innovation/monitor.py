@@ -1,0 +1,137 @@
+"""The detector: the innovations of a loosely coupled INS/GNSS filter against a chi-square threshold.
+
+Tanil, Khanafseh, Joerger, Pervan: An INS Monitor to Detect GNSS Spoofers Capable of Tracking Vehicle Position, IEEE TAES 54(1), 2018.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, get_args
+
+import numpy as np
+
+from spoofbench.detecting import Decisions, Labelled
+from spoofbench.errors import RecordingError
+from spoofbench.recording import Recording
+from spoofbench_innovation.filtering import Innovations, Settings, innovations
+from spoofbench_innovation.grades import GRADES, Grade, GradeName
+from spoofbench_innovation.measurements import Measurements, measurements
+from spoofbench_innovation.statistics import Statistic, ratio
+
+_DAY_S = 86_400.0
+
+
+@dataclass(frozen=True)
+class InnovationMonitor:
+    """Alerts where q = sum of gamma^T S^-1 gamma exceeds T^2; the score is q / (inflation T^2).
+
+    The paper's filter takes code and carrier of each satellite. This one takes a receiver's position and velocity, as recordings
+    have them: the sum of fewer, less precise measurements, whose errors the receiver's own filter has made last. ``p_fa`` is the
+    probability of one test on white innovations of the modelled covariance: of one epoch (``per-epoch``), of one position of the window,
+    which shares most epochs with its neighbours (``windowed``), of the sum at one epoch (``cumulative``). It is no rate over time.
+
+    Attributes:
+        statistic: ``windowed``; ``cumulative``, since the alignment, the paper's with a start that no attacker chose; ``per-epoch``.
+        window_s: length of the window.
+        p_fa: of one test, see above.
+        grade: of the IMU: ``consumer``, ``automotive``, ``tactical`` or ``navigation``.
+        velocity_random_walk: m/s/sqrt(s); as all that follow to ``bias_s``, None: that of the grade.
+        angle_random_walk: rad/sqrt(s).
+        accel_bias_mps2: steady-state standard deviation.
+        gyro_bias_radps: likewise.
+        bias_s: time constant of the biases.
+        position_m: standard deviation of a horizontal component of position; vertical is ``vertical_m``.
+        vertical_m: likewise.
+        velocity_mps: standard deviation of a horizontal component of velocity; vertical is ``climb_mps``.
+        climb_mps: likewise.
+        reported: let the receiver's own accuracy, where it is worse, take the place of the four before. A spoofer controls it.
+        inflation: by which the covariance of the innovations is larger than modelled; :meth:`fit` measures it.
+        lag_s: how late the receiver's epochs are against the IMU.
+        restart_s: a longer time without epochs ends the filter's run; it starts anew when aligned.
+    """
+
+    statistic: Statistic = "windowed"
+    window_s: float = 10.0
+    p_fa: float = 1e-6
+    grade: GradeName = "automotive"
+    velocity_random_walk: float | None = None
+    angle_random_walk: float | None = None
+    accel_bias_mps2: float | None = None
+    gyro_bias_radps: float | None = None
+    bias_s: float | None = None
+    position_m: float = 1.5
+    vertical_m: float = 3.0
+    velocity_mps: float = 0.05
+    climb_mps: float = 0.1
+    reported: bool = False
+    inflation: float = 1.0
+    lag_s: float = 0.0
+    restart_s: float = 60.0
+
+    requires: ClassVar[tuple[str, ...]] = ("gnss/pvt", "imu")
+    uses: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        for name, kind in (("statistic", Statistic), ("grade", GradeName)):
+            if getattr(self, name) not in get_args(kind):
+                raise ValueError(f"{name} must be one of {list(get_args(kind))}, not {getattr(self, name)!r}")
+        positive = ("window_s", "position_m", "vertical_m", "velocity_mps", "climb_mps", "inflation", *_OVERRIDES)
+        for name in positive:
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise ValueError(f"{name} must be positive and finite, not {value!r}")
+        if not 0 < self.p_fa < 1:
+            raise ValueError(f"p_fa must lie between 0 and 1, not {self.p_fa!r}")
+        if not 0 <= self.lag_s < np.inf:
+            raise ValueError(f"lag_s must be 0 or more, or a decision would rest on the future, not {self.lag_s!r}")
+        if not 2 <= self.restart_s < np.inf:
+            raise ValueError(f"restart_s must be finite and at least 2, not {self.restart_s!r}")
+
+    @property
+    def memory_s(self) -> float:
+        """A state that was led astray takes longer than the window to come back; a cumulative sum hardly ever does."""
+        return _DAY_S if self.statistic == "cumulative" else self.restart_s + (self.window_s if self.statistic == "windowed" else 0.0)
+
+    @property
+    def imu_errors(self) -> Grade:
+        """The error parameters of the IMU: those of its grade, and what is given instead."""
+        given = {name: getattr(self, name) for name in _OVERRIDES}
+        return replace(GRADES[self.grade], **{name: value for name, value in given.items() if value is not None})
+
+    def detect(self, recording: Recording) -> Decisions:
+        """Return a decision per epoch of the primary receiver, available where the filter is aligned and the epoch measures something.
+
+        Raises:
+            RecordingError: a required kind is missing.
+        """
+        found, filtered = self.filtered(recording)
+        score = ratio(found.time_ns, filtered, self.statistic, self.window_s, self.p_fa) / self.inflation
+        return Decisions(found.time_ns, score, ~np.isnan(score))
+
+    def filtered(self, recording: Recording) -> tuple[Measurements, Innovations]:
+        """Return what GNSS measured, and the filter's innovations.
+
+        Raises:
+            RecordingError: a required kind is missing.
+        """
+        floor = (self.position_m, self.vertical_m, self.velocity_mps, self.climb_mps)
+        found = measurements(recording.primary("gnss/pvt"), floor, self.reported)
+        settings = Settings(self.imu_errors, round(self.lag_s * 1e9), self.restart_s)
+        return found, innovations(recording.primary("imu"), found, settings)
+
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:  # noqa: ARG002, what is attacked says nothing of noise
+        """Return the monitor whose ``inflation`` makes the mean of the normalised innovations squared of clean recordings right.
+
+        Raises:
+            RecordingError: there is no clean recording on which the filter can be aligned.
+        """
+        squared, degrees = 0.0, 0
+        for recording in clean:
+            _, filtered = self.filtered(recording)
+            squared += float(filtered.squared[filtered.run >= 0].sum())
+            degrees += int(filtered.measured[filtered.run >= 0].sum())
+        if not degrees:
+            raise RecordingError("the innovation monitor cannot be fitted: no clean recording has enough motion to align it")
+        return replace(self, inflation=squared / degrees)
+
+
+_OVERRIDES = ("velocity_random_walk", "angle_random_walk", "accel_bias_mps2", "gyro_bias_radps", "bias_s")
