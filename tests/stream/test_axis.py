@@ -1,6 +1,7 @@
 """The time axis: dates carried, clocks followed or not, whatever the log is cut into."""
 
 import itertools
+import random
 from datetime import UTC, datetime
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spoofbench_converters.stream import axis
 from spoofbench_converters.stream.axis import NO_DATE, Axis
 from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS, WEEK_NS, Epochs
 from spoofbench_converters.stream.course import BACKWARDS, HORIZON, NO_TIME_YET, TIMED
@@ -35,7 +37,7 @@ def axis_of(
     claims: list[Claim], cuts: tuple[int, ...] = (), spacing: int = 100, **options: Any
 ) -> tuple[list[int], list[int], dict[str, str]]:
     """Return times, verdicts (both in the order of the claims) and metadata, of epochs that come in the given groups."""
-    axis = Axis(StreamOptions(**options), ("UBX", "NMEA"))
+    under_test = Axis(StreamOptions(**options), ("UBX", "NMEA"))
     times: list[list[int]] = [[], []]
     verdicts: list[list[int]] = [[], []]
     borders = [0, *sorted(cut for cut in cuts if 0 < cut < len(claims)), len(claims)]
@@ -44,13 +46,13 @@ def axis_of(
             mine = [(number * spacing, *claim[1:]) for number, claim in enumerate(claims) if first <= number < end and claim[0] == protocol]
             if mine:
                 columns = [np.array([ABSENT_NS if value is None else value for value in column]) for column in zip(*mine, strict=True)]
-                axis.push(protocol, Epochs(*columns, np.zeros(len(mine), np.int64), ()))
-        for protocol, (given_times, given_verdicts) in axis.advance(end * spacing - HORIZON, last=end == len(claims)).items():
+                under_test.push(protocol, Epochs(*columns, np.zeros(len(mine), np.int64), ()))
+        for protocol, (given_times, given_verdicts) in under_test.advance(end * spacing - HORIZON, last=end == len(claims)).items():
             times[protocol] += given_times.tolist()
             verdicts[protocol] += given_verdicts.tolist()
     queues = [iter(zip(*each, strict=True)) for each in zip(times, verdicts, strict=True)]
     in_order = [next(queues[claim[0]]) for claim in claims]
-    return [time for time, _ in in_order], [verdict for _, verdict in in_order], axis.about()
+    return [time for time, _ in in_order], [verdict for _, verdict in in_order], under_test.about()
 
 
 def whole(*seconds: float | None) -> list[Claim]:
@@ -172,33 +174,37 @@ def test_two_interleaved_receivers_are_refused(count: int) -> None:
         axis_of(whole(*seconds))
 
 
-def claims_at_random() -> st.SearchStrategy[list[Claim]]:
-    step = st.sampled_from([0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 10, 4000, -3, -9000])
-    kind = st.sampled_from(["whole"] * 6 + ["day", "week", "none", "false"])
-    moves = st.lists(st.tuples(st.integers(0, 1), step, kind, st.booleans()), max_size=80)
-
-    def build(moves: list[tuple[int, int, str, bool]], by_recorder: bool) -> list[Claim]:
-        clock, claims = START, []
-        for number, (protocol, step, kind, stamped) in enumerate(moves):
-            clock += step * S
-            received = START + number * S + step if stamped or by_recorder else None
-            forms = {"whole": (clock, 0), "day": of_day(clock), "week": of_week(clock), "none": (None, 0), "false": (clock + 10**6 * S, 0)}
-            claims.append((protocol, *forms[kind], received))
-        return claims
-
-    return st.builds(build, moves, st.booleans())
+def claims_at_random(seed: int, by_recorder: bool) -> list[Claim]:
+    """Two protocols' epochs whose clock stands still, leaps, steps and is absent now and then."""
+    chance = random.Random(seed)
+    steps, forms = [0] + [1] * chance.choice([8, 60]) + [10, 600, 4000, 50_000, -3, -9000], ["whole"] * 6 + ["day", "week", "none", "false"]
+    clock, claims = START, []
+    for number in range(chance.randint(2, 80)):
+        clock += chance.choice(steps) * S
+        form = {"whole": (clock, 0), "day": of_day(clock), "week": of_week(clock), "none": (None, 0), "false": (clock + 10**6 * S, 0)}
+        received = START + number * S + chance.choice([0, 0, 0, 0, -5, 5000]) * S if by_recorder else None
+        claims.append((chance.randint(0, 1), *form[chance.choice(forms)], received))
+    return claims
 
 
-@given(claims_at_random(), st.lists(st.integers(1, 80), max_size=6), st.booleans(), st.sampled_from([100, 40_000]))
-@settings(max_examples=150, deadline=None)
-def test_nothing_depends_on_the_groups_that_epochs_come_in(claims: list[Claim], cuts: list[int], append: bool, spacing: int) -> None:
-    try:
-        at_once = axis_of(claims, spacing=spacing, append_clock=append, date="2024-02-29")
-    except ConversionError as refusal:
-        with pytest.raises(ConversionError, match=str(refusal)[:40]):
-            axis_of(claims, tuple(cuts), spacing, append_clock=append, date="2024-02-29")
-        return
-    assert axis_of(claims, tuple(cuts), spacing, append_clock=append, date="2024-02-29") == at_once
+@given(
+    seed=st.integers(0, 2**32),
+    cuts=st.lists(st.integers(1, 80), min_size=1, max_size=6),
+    recorder=st.sampled_from(["", "rejects", "appends"]),
+    spacing=st.sampled_from([100, 40_000, 400_000]),
+)
+@settings(max_examples=400, deadline=None)
+def test_nothing_depends_on_the_groups_that_epochs_come_in(seed: int, cuts: list[int], recorder: str, spacing: int) -> None:
+    claims, options = claims_at_random(seed, bool(recorder)), {"append_clock": recorder == "appends", "date": "2024-02-29"}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(axis, "_JUDGED", 3)
+        try:
+            at_once = axis_of(claims, spacing=spacing, **options)
+        except ConversionError as refusal:
+            with pytest.raises(ConversionError, match=str(refusal)[:40]):
+                axis_of(claims, tuple(cuts), spacing, **options)
+            return
+        assert axis_of(claims, tuple(cuts), spacing, **options) == at_once
     for protocol in (0, 1):
         given_times = [time for claim, time, verdict in zip(claims, *at_once[:2], strict=True) if claim[0] == protocol and verdict == TIMED]
         assert given_times == sorted(given_times)

@@ -99,6 +99,19 @@ def test_a_flood_of_false_starts_costs_no_frame(make: Any, pattern: bytes) -> No
     assert [end - start for _, start, end in found] == [len(frame), len("$GPTXT,too*hh")]
 
 
+def test_a_message_that_ends_within_a_frame_frees_what_is_in_it(make: Any, slow: Any) -> None:
+    """A message takes the head of a UBX frame, whose payload begins with the message's CRC; another message follows within the frame."""
+    inner = make.rtcm3(b"inner")
+    head = b"\xb5\x62\x01\x07" + (3 + len(inner)).to_bytes(2, "little")
+    outer = make.rtcm3(b"outer" + head)
+    frame = make.ubx(outer[-3:] + inner)
+    assert frame.startswith(head + outer[-3:])
+    log = outer + inner + frame[-2:] + make.ubx(b"another")
+    found, _, _ = taken_apart(log)
+    assert [(protocol, start) for protocol, start, _ in found] == [("rtcm", 0), ("rtcm", len(outer)), ("ubx", len(outer + inner) + 2)]
+    assert found == slow.scan(log)
+
+
 def test_the_longest_frame_is_found_and_a_longer_sentence_is_not(make: Any) -> None:
     longest, body = make.ubx(bytes(65_535)), b"GPTXT,".ljust(frames.MAX_SENTENCE - 2, b"x")
     log = longest + make.sentence(body) + b"\n" + make.sentence(body + b"x") + b"\n"

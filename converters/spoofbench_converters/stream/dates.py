@@ -23,6 +23,15 @@ class Claims:
         return Claims(self.protocol[rows], self.claimed_ns[rows], self.period_ns[rows])
 
 
+@dataclass(frozen=True, slots=True)
+class _Last:
+    """A protocol's last time: complete, and as it was known, with its period."""
+
+    time_ns: int
+    known_ns: int
+    period_ns: int
+
+
 @dataclass(slots=True)
 class Calendar:
     """Completes times of day and of week.
@@ -44,7 +53,7 @@ class Calendar:
     rollovers: int
     dateless: int = 0
     used_date: bool = False
-    _last: dict[int, int] = field(default_factory=dict)
+    _last: dict[int, _Last] = field(default_factory=dict)
     _complete: int | None = None
 
     def complete(self, claims: Claims) -> Places:
@@ -71,12 +80,12 @@ class Calendar:
         whole, carried = dated
         last = self._last.get(protocol)
         known = np.where(period == 0, whole, claimed)
-        before = np.append(known[0] if last is None else last, known[:-1])
-        steps = _nearest(known - before, _common_period(period, np.append(0, period[:-1])))
+        before = np.append(known[0] if last is None else last.known_ns, known[:-1])
+        steps = _nearest(known - before, _common_period(period, np.append(0 if last is None else last.period_ns, period[:-1])))
         course = np.cumsum(steps)
         anchors = np.where(period == 0, whole - course, ABSENT_NS)
         if last is not None and period[0] != 0:
-            anchors[0] = last
+            anchors[0] = last.time_ns
         elif last is None:
             self._anchor(claimed, period, carried, (anchors, course))
         anchors = _carried(anchors, ABSENT_NS)
@@ -85,7 +94,7 @@ class Calendar:
         times = np.where(anchors == ABSENT_NS, ABSENT_NS, anchors + course)
         self.dateless += int(np.count_nonzero(times == ABSENT_NS))
         if times[-1] != ABSENT_NS:
-            self._last[protocol] = int(times[-1])
+            self._last[protocol] = _Last(int(times[-1]), int(known[-1]), int(period[-1]))
         return np.asarray(times)
 
     def _anchor(self, claimed: Places, period: Places, carried: Places, found: tuple[Places, Places]) -> None:

@@ -102,20 +102,27 @@ class _Found:
 
 
 def _find(octets: Octets, limit: int, checksum: Checksum) -> _Found:
-    """Find what starts before a limit."""
-    all_found = {
-        _UBX: frames.ubx(octets).before(limit),
-        _SENTENCE: frames.sentences(octets, checksum).before(limit),
-        _RTCM3: frames.rtcm3(octets).before(limit),
-    }
-    valid = {protocol: found.verdicts == frames.VALID for protocol, found in all_found.items()}
-    starts, ends = (
-        np.concatenate([getattr(found, name)[valid[protocol]] for protocol, found in all_found.items()]) for name in ("starts", "ends")
-    )
-    protocols = np.repeat(np.array(list(valid), np.int8), [np.count_nonzero(which) for which in valid.values()])
+    """Find what starts before a limit.
+
+    Starts of RTCM 3 messages are frequent within UBX frames. They are looked at there only if one of these frames is not taken.
+    """
+    ubx, sentences = frames.ubx(octets).before(limit), frames.sentences(octets, checksum).before(limit)
+    whole = ubx.valid()
+    whole = whole.take(frames.chosen(whole.starts, whole.ends))
+    found = _taken(ubx, sentences, frames.rtcm3(octets, whole).before(limit))
+    if not np.array_equal(found[1][found[0] == _UBX], whole.starts):
+        found = _taken(ubx, sentences, frames.rtcm3(octets, None).before(limit))
+    return _Found(*found, _marks(octets, ubx, sentences))
+
+
+def _taken(ubx: Candidates, sentences: Candidates, rtcm3: Candidates) -> tuple[NDArray[np.int8], Places, Places]:
+    """Return protocols, starts and ends of the frames that a scan takes."""
+    valid = [found.valid() for found in (ubx, sentences, rtcm3)]
+    starts, ends = np.concatenate([found.starts for found in valid]), np.concatenate([found.ends for found in valid])
+    protocols = np.repeat(np.array([_UBX, _SENTENCE, _RTCM3], np.int8), [found.starts.size for found in valid])
     order = np.argsort(starts, kind="stable")
     taken = order[frames.chosen(starts[order], ends[order])]
-    return _Found(protocols[taken], starts[taken], ends[taken], _marks(octets, all_found[_UBX], all_found[_SENTENCE]))
+    return protocols[taken], starts[taken], ends[taken]
 
 
 def _owned(octets: Octets, found: _Found, edge: _Edge, stamps: Stamps) -> _Owned:

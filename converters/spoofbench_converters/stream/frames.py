@@ -43,8 +43,15 @@ class Candidates:
 
     def before(self, limit: int) -> "Candidates":
         """Return those that start before a place."""
-        count = int(np.searchsorted(self.starts, limit))
-        return Candidates(self.starts[:count], self.ends[:count], self.verdicts[:count])
+        return self.take(slice(0, int(np.searchsorted(self.starts, limit))))
+
+    def valid(self) -> "Candidates":
+        """Return the valid ones."""
+        return self.take(self.verdicts == VALID)
+
+    def take(self, which: "slice | NDArray[np.bool_]") -> "Candidates":
+        """Return those that a slice or mask selects."""
+        return Candidates(self.starts[which], self.ends[which], self.verdicts[which])
 
 
 def ubx(octets: Octets) -> Candidates:
@@ -109,10 +116,12 @@ def _checked(octets: Octets, starts: Places, stars: Places, checksum: Checksum) 
     return np.where(agrees, VALID, np.where(stars + 2 >= octets.size, CUT, WRONG)).astype(np.uint8)
 
 
-def rtcm3(octets: Octets) -> Candidates:
-    """Return every valid RTCM 3 message (RTCM 10403, transport layer; CRC-24Q), and no other: in binary data starts are frequent."""
+def rtcm3(octets: Octets, outside: Candidates | None) -> Candidates:
+    """Return every valid RTCM 3 message (RTCM 10403, transport layer; CRC-24Q) that does not start within one of these frames."""
     starts = np.flatnonzero(octets[:-5] == 0xD3) if octets.size > 5 else np.zeros(0, np.int64)
     starts = starts[octets[starts + 1] < 4]
+    if outside is not None:
+        starts = starts[starts >= np.append(0, outside.ends)[np.searchsorted(outside.starts, starts)]]
     ends = starts + 6 + octets[starts + 1].astype(np.int64) * 256 + octets[starts + 2]
     whole = ends <= octets.size
     starts, ends = starts[whole], ends[whole]
@@ -143,13 +152,13 @@ def _crc_agrees(octets: Octets, starts: Places, ends: Places) -> NDArray[np.bool
 @cache
 def _crc_terms() -> NDArray[np.uint32]:
     """Return what each byte value adds to the remainder at each place of a window, uint32 ``(window, 256)``."""
+    by_byte = np.arange(256, dtype=np.uint32) << 16
+    for _ in range(8):
+        by_byte = (by_byte << 1) ^ np.where(by_byte & 0x800000, np.uint32(_CRC24Q), np.uint32(0))
     terms = np.zeros((_WINDOW, 256), np.uint32)
     terms[-1] = np.arange(256)
     for place in range(_WINDOW - 1, 0, -1):
-        shifted = terms[place]
-        for _ in range(8):
-            shifted = (shifted << 1) ^ np.where(shifted & 0x800000, np.uint32(_CRC24Q), np.uint32(0))
-        terms[place - 1] = shifted
+        terms[place - 1] = (terms[place] << 8 & 0xFFFFFF) ^ by_byte[terms[place] >> 16]
     return terms
 
 
