@@ -1,0 +1,102 @@
+"""Borio, Figs 7 to 14 and Section V in kind: on a car, on other cars and on phones whose logs are there."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from spoofbench.reproducing import Picture, Progress, Reproduced, save_table
+from spoofbench_correlation import borio_pictures as pictures
+from spoofbench_correlation.borio_cells import Findings, cells
+from spoofbench_correlation.borio_recordings import Session, sessions
+from spoofbench_correlation.borio_statistics import Row, all_values, contradictions, dynamics, noisy_gyro, settings, summaries, transfer
+
+TITLE = "Borio: GNSS/INS verification by correlation, in kind"
+PAPER = "D. Borio: An Experimental Evaluation of GNSS/INS Verification Strategies for Vehicular Applications."
+
+NOTES = (
+    "The paper's data are not public and it prints no table: its numbers are the bounds 0.8, 0.6 and 0.7 that the text reads off the "
+    "figures, and the window of 120 s. All recordings here are others, so that nothing is a number of the paper's come out again.",
+    "The lag of each receiver is taken out: 0.34 s was measured on the drive against its reference; elsewhere it is what makes "
+    "the genuine median of H greatest, which flatters the genuine values (settings.parquet has them with the lag left in), or 0 where "
+    "the recording is too short to tell.",
+    "All recordings are brought to 1 Hz. A receiver without velocity has its differences of positions, one with speed alone the course "
+    "of its positions (recordings.parquet). Windows are 120 s, and shorter where a recording holds less than two.",
+    "The ZED-F9R logs couple GNSS with the very IMU, which the paper avoids, and hold one inertial sample a second: their genuine values say "
+    "little either way. The solutions of phones may be fused too.",
+    "An epoch is no sample of its own, since windows overlap: intervals are of 1000 draws of blocks of one window.",
+    "Of Fig 7 the loops in a roundabout, and of Fig 13 the same drive seen by two IMUs, have no counterpart in these recordings.",
+)
+
+
+def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> Reproduced:
+    """Write all tables and pictures; ``data`` holds the logs of further vehicles, without which the drive stands alone."""
+    found, left_out = sessions(data, quick, lambda share: progress(0.5 * share))
+    with_imu = [session for session in found if session.inertial]
+    values = all_values(found, lambda share: progress(0.5 + 0.2 * share))
+    by_name = {session.name: session for session in found}
+    drive = by_name.get("drive")
+    tables = {
+        "recordings": [_described(session) for session in found],
+        "statistics": summaries(values, by_name),
+        "transfer": transfer(values),
+        "settings": settings(with_imu),
+        "gyro_noise": noisy_gyro(drive) if drive else [],
+        "dynamics": dynamics(with_imu, values),
+        "contradictions": contradictions(found),
+    }
+    progress(0.85)
+    for name, rows in tables.items():
+        save_table({key: [row[key] for row in rows] for key in (rows[0] if rows else ())}, out / f"{name}.parquet")
+    findings = Findings(by_name, values, tables)
+    drawn = list(_drawn(out, findings))
+    alone = [] if len(found) > 1 else ["The logs of other vehicles are not there: what needs them is left out."]
+    return Reproduced(cells(findings), drawn, [*NOTES, *left_out, *alone])
+
+
+def _described(session: Session) -> Row:
+    return {
+        "recording": session.name,
+        "about": session.log.about,
+        "route": session.log.route,
+        "velocity": session.velocity,
+        "inertial": session.inertial or None,
+        "lag_s": session.lag_s if session.inertial else None,
+        "window_s": session.window_s,
+        "duration_s": session.recording.span.duration_s,
+    }
+
+
+def _drawn(out: Path, findings: Findings) -> Iterator[Picture]:
+    for name, figure in (("drive", "Fig 7"), ("phone-car", "Fig 10"), ("iphone-3", "Fig 14")):
+        if name in findings.sessions:
+            session = findings.sessions[name]
+            pictures.time_series(out / f"series-{name}", session)
+            yield Picture(
+                f"series-{name}", f"As {figure}, {name} ({session.log.about}): horizontal acceleration and yaw rate, IMU and GNSS"
+            )
+    for name, figure in (("drive", "Fig 8"), ("phone-car", "Figs 11 and 13")):
+        if name in findings.sessions:
+            pictures.statistics(out / f"statistics-{name}", findings.values, [(name, "genuine")])
+            yield Picture(f"statistics-{name}", f"As {figure}, {name}, genuine: the four statistics over {_window(findings, name)}")
+    meaconed = [key for key in _meaconed(findings) if key[0] in ("drive", "boston", "iphone-2", "zed-f9r-a")]
+    if meaconed:
+        pictures.statistics(out / "statistics-meaconing", findings.values, meaconed[:4])
+        yield Picture("statistics-meaconing", "As Figs 9 and 12: GNSS of another run of the route; for the drive, of another car")
+    pictures.delays(out / "delays", findings.tables["statistics"])
+    yield Picture("delays", "Share of epochs with H below 0.7, by delay of the replay; 0 is genuine")
+    if len(findings.sessions) > 1:
+        pictures.transfer(out / "transfer", findings.tables["transfer"])
+        yield Picture(
+            "transfer", "Thresholds on H fitted to one recording (rows: 1 % of genuine epochs below) and used on another (columns)"
+        )
+        pictures.dynamics(out / "dynamics", findings.tables["dynamics"])
+        yield Picture("dynamics", "Genuine medians by quintile of dynamics: steady cruise is on the left")
+
+
+def _window(findings: Findings, name: str) -> str:
+    return f"{findings.sessions[name].window_s:g} s"
+
+
+def _meaconed(findings: Findings) -> Sequence[tuple[str, str]]:
+    pairs = dict.fromkeys((name, case) for name, case, _ in findings.values if case.startswith("meacon"))
+    first = {name: (name, case) for name, case in reversed(pairs)}
+    return [first[name] for name in findings.sessions if name in first]
