@@ -117,6 +117,7 @@ PLACES = {  # of each column in the list of fields that pynmea2 gives, and its u
 }
 
 
+NO_DILUTION = 99.99  # what receivers write without a solution
 COUNTS = ("quality", "num_sv", "dimension")
 
 
@@ -126,7 +127,8 @@ def expected(said: Any, name: str) -> dict[str, float]:
     found = {}
     for column, place in PLACES[name].items():
         index, unit = place if isinstance(place, tuple) else (place, 1.0)
-        found[column] = float(data[index]) * unit if data[index] else np.nan
+        none = not data[index] or (column.endswith("dop") and float(data[index]) == NO_DILUTION)
+        found[column] = np.nan if none else float(data[index]) * unit
     if name in ("GGA", "RMC", "GLL"):
         given = said.lat and said.lon
         found |= {"lat_deg": said.latitude if given else np.nan, "lon_deg": said.longitude if given else np.nan}

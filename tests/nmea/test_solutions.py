@@ -50,6 +50,18 @@ def test_dimensions(nmea: ModuleType) -> None:
     assert solution(nmea, gga("1"), "GPGSA,A,2,01,,,,,,,,,,,,2.0,1.0,1.5")["fix_type"] == enums.FIX_TYPE_2D
 
 
+def test_a_fix_of_no_known_dimension_has_no_type(nmea: ModuleType) -> None:
+    rmc = "GPRMC,120000,A,4717.11,N,00834.00,E,0.0,,010324,,,{}"
+    assert solution(nmea, rmc.format("A"))["fix_type"] is None
+    assert solution(nmea, rmc.format("D"))["fix_type"] == enums.FIX_TYPE_DIFFERENTIAL
+    assert solution(nmea, rmc.format("A"), "GPGSA,A,2,01,,,,,,,,,,,,2.0,1.0,1.5")["fix_type"] == enums.FIX_TYPE_2D
+
+
+def test_dilutions_without_a_solution_are_absent(nmea: ModuleType) -> None:
+    row = solution(nmea, "GPGGA,120000.00,,,,,0,00,99.99,,,,,,", "GPGSA,A,1,,,,,,,,,,,,,99.99,99.99,99.99")
+    assert (row["hdop"], row["vdop"], row["pdop"], row["fix_type"]) == (None, None, None, enums.FIX_TYPE_NONE)
+
+
 @pytest.mark.parametrize(
     ("modes", "fix_type"), [("NN", "NONE"), ("AN", "3D"), ("DA", "DIFFERENTIAL"), ("FR", "RTK_FIXED"), ("E", "DEAD_RECKONING")]
 )

@@ -18,6 +18,7 @@ from spoofbench_converters.stream.contract import ABSENT_NS
 KNOT_MPS = 1852 / 3600
 KMH_MPS = 1 / 3.6
 GAUSS_UT = 100.0
+_NO_DILUTION = 99.99
 
 
 class Reader:
@@ -44,6 +45,12 @@ class Reader:
         read = decimals(self.cells(field, where))
         self.readable &= read.readable & (read.places == 0) & (read.mantissa >= 0) & (read.mantissa < 10_000)
         return np.where(read.present & self.readable, read.mantissa, -1)
+
+    def dilution(self, field: int) -> NDArray[np.float64]:
+        """A dilution of precision, NaN where absent or 99.99, which u-blox, MediaTek and others write without a solution."""
+        values = self.number(field)
+        values[values == _NO_DILUTION] = np.nan
+        return values
 
     def graded(self, name: str, field: int, unit: float = 1.0) -> Columns:
         """Values times a unit, and the step that the text resolves."""
@@ -100,7 +107,7 @@ def gga(read: Reader) -> Columns:
         **read.position(2),
         "quality": read.whole(6),
         "num_sv": read.whole(7),
-        "hdop": read.number(8),
+        "hdop": read.dilution(8),
         **read.graded("height_msl_m", 9),
         **read.graded("separation_m", 11),
         "diff_age_s": read.number(13),
@@ -140,7 +147,7 @@ def gns(read: Reader) -> Columns:
         **read.position(2),
         "mode": mode,
         "num_sv": read.whole(7),
-        "hdop": read.number(8),
+        "hdop": read.dilution(8),
         **read.graded("height_msl_m", 9),
         **read.graded("separation_m", 10),
         "diff_age_s": read.number(11),
@@ -209,8 +216,8 @@ def pubx00(read: Reader) -> Columns:
         **read.graded("course_deg", 12),
         "vel_d_mps": read.number(13),
         "diff_age_s": read.number(14),
-        "hdop": read.number(15),
-        "vdop": read.number(16),
+        "hdop": read.dilution(15),
+        "vdop": read.dilution(16),
         "num_sv": read.whole(18),
     }
 

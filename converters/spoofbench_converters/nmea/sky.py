@@ -68,7 +68,7 @@ def gsa(read: Reader, named: Ints) -> tuple[Columns, Columns]:
     system = hexadecimal(_letter(read, 18))
     named = np.where(system > 0, satellites.of_system_id(system), named)
     columns: Columns = {"dimension": read.whole(2)}
-    columns |= {name: read.number(15 + place) for place, name in enumerate(("pdop", "hdop", "vdop"))}
+    columns |= {name: read.dilution(15 + place) for place, name in enumerate(("pdop", "hdop", "vdop"))}
     slots = []
     for slot in range(GSA_SLOTS):
         constellation, svid = satellites.identify(named, read.whole(3 + slot))

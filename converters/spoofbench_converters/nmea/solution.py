@@ -3,7 +3,7 @@
 Position, speed, course and heights count only where their sentence says that they are valid; where it has no word of
 its own (VTG of old, GST) the other sentences of the epoch decide. Where several give a value, the finest text
 counts, and of equally fine ones the first in the order in which they are named here. A fix with a height and without a
-dimension is 3D, one without height 2D.
+dimension is 3D, one whose sentence leaves the height empty 2D; where no sentence has a height its type is absent.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -144,7 +144,10 @@ class Solution:
 
     def _fix_type(self, has_height: Bools) -> NDArray[np.int32]:
         dimension = self._counted("dimension", ("GSA",))
-        plain = np.where(has_height, enums.FIX_TYPE_3D, enums.FIX_TYPE_2D)
+        flat = np.full(self.count, enums.FIX_TYPE_UNSPECIFIED)
+        for name in self._present(("GGA", "GNS", "PUBX00")):
+            flat[self._tables[name]["epoch"]] = enums.FIX_TYPE_2D
+        plain = np.where(has_height, enums.FIX_TYPE_3D, flat)
         plain = np.where(dimension == 2, enums.FIX_TYPE_2D, np.where(dimension == 3, enums.FIX_TYPE_3D, plain))
         fix = np.where(self._fix, plain, np.where(self.invalid | (dimension == 1), enums.FIX_TYPE_NONE, enums.FIX_TYPE_UNSPECIFIED))
         for name in self._present(tuple(_TELLS)):
