@@ -7,7 +7,7 @@ their rows their times.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
@@ -31,6 +31,7 @@ class Frames:
         base: offset of the piece in the log.
         used: int64 ``(k,)``, bytes of the log that belong to each frame: itself, its line end, and its time stamp.
         receive_time_ns: int64 ``(k,)``, when the recorder got it, ``ABSENT_NS`` where the log does not say.
+        leads: int64 ``(k,)``, how many of the bytes in ``used`` stand before the frame; None: none.
     """
 
     octets: NDArray[np.uint8]
@@ -39,10 +40,11 @@ class Frames:
     base: int
     used: NDArray[np.int64]
     receive_time_ns: NDArray[np.int64]
+    leads: NDArray[np.int64] | None = field(default=None, kw_only=True)
 
     def offsets(self) -> NDArray[np.int64]:
-        """Offset of each frame in the log, int64 ``(k,)``."""
-        return self.starts + self.base
+        """Offset in the log of the bytes that belong to each frame, int64 ``(k,)``."""
+        return self.starts + self.base if self.leads is None else self.starts + self.base - self.leads
 
 
 @dataclass(frozen=True, slots=True, eq=False)

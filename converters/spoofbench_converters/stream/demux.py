@@ -61,7 +61,8 @@ class _Owned:
     def of(self, protocol: int, octets: Octets, base: int) -> Frames:
         mine = self.protocols == protocol
         starts, used = self.starts[mine], (self.last - self.first)[mine]
-        return Frames(octets, starts, self.ends[mine] - starts, base, used, self.receive_time_ns[mine])
+        leads = starts - self.first[mine]
+        return Frames(octets, starts, self.ends[mine] - starts, base, used, self.receive_time_ns[mine], leads=leads)
 
 
 def demultiplex(stream: IO[bytes], stamps: Stamps, checksum: Checksum = "required", piece_bytes: int = PIECE_BYTES) -> Iterator[Piece]:
