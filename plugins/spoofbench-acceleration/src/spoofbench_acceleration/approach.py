@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spoofbench_acceleration.statistics import Floats
+from spoofbench_acceleration.statistics import Averaging, Floats, weights
 
 RATE_HZ = 10
 PHONE_HZ = 8
@@ -124,13 +124,18 @@ def ornstein_uhlenbeck(noise: Floats, correlation_steps: float) -> Floats:
     return values
 
 
-def averaged(values: Floats, rate_hz: float, weight: float | None = None) -> Floats:
-    """Exponential average of each run, ``(n, runs)``; a NaN holds the state and stays NaN; the span form unless a weight is given."""
-    share = 2 / (AVERAGING_S * rate_hz + 1) if weight is None else weight
-    result, state = np.empty_like(values), values[0].copy()
+def averaged(values: Floats, rate_hz: float, averaging: Averaging = "span") -> Floats:
+    """Exponential average over 5 s of each run, ``(n, runs)``, whose first row is known.
+
+    A NaN stays NaN and holds the state, which the next value then enters with the weight of the time since the last one.
+    """
+    result, state, steps = np.empty_like(values), values[0].copy(), np.ones(values.shape[1])
     for row, value in enumerate(values):
-        state = np.where(np.isnan(value), state, state + share * (value - state))
-        result[row] = np.where(np.isnan(value), np.nan, state)
+        known = ~np.isnan(value)
+        share = weights(steps / rate_hz, AVERAGING_S, averaging)
+        state = np.where(known, state + share * (value - state), state)
+        steps = np.where(known, 1, steps + 1)
+        result[row] = np.where(known, state, np.nan)
     return result
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from spoofbench.reproducing import Progress, Reproduced, save_table
-from spoofbench_acceleration import lo_cells, lo_pictures, lo_real
+from spoofbench_acceleration import lo_cells, lo_checks, lo_pictures, lo_real
 from spoofbench_acceleration.approach import APPROACHES, fly
 from spoofbench_acceleration.lo_tables import STRIDES, convention, outcomes, signatures, table1, table2
 
@@ -34,8 +34,8 @@ def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> 
         *lo_cells.table1_cells(first),
         lo_cells.crosscorrelation_cell(flights),
         *lo_cells.static_cells(200.0 if quick else 4000.0),
-        *lo_cells.check_cells(index),
-        *lo_cells.mean_difference_cells(index, [convention(stride) for stride in STRIDES]),
+        *lo_checks.check_cells(index),
+        *lo_checks.mean_difference_cells(index, [convention(stride) for stride in STRIDES]),
         *lo_cells.table2_cells(index),
     ]
     pictures = lo_pictures.draw(out, flights, index)
@@ -44,7 +44,7 @@ def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> 
     real = [row for log in logs for row in lo_real.rows(log)]
     if real:
         save_table({name: [row[name] for row in real] for name in real[0]}, out / "real.parquet")
-    notes = [*NOTES, lo_cells.summary(index, [convention(stride) for stride in STRIDES]), *missing]
+    notes = [*NOTES, lo_checks.summary(index, [convention(stride) for stride in STRIDES]), *missing]
     return Reproduced([*cells, *lo_real.cells(real)], pictures, notes)
 
 
@@ -62,7 +62,7 @@ NOTES = (
     (
         "Chosen where the paper is silent: |mean| in Eq (5), span averaging, extrapolation over the slope of one epoch, smoothing by a "
         "trailing mean of 4 s, a mismatch that lasts 10 s, and one lost epoch at 44 s of approach 4, whose position repeats the one before "
-        "(one, since it gives the 3.7 % printed)."
+        "(one, since that gives the printed 3.7 % with consecutive samples)."
     ),
     (
         "Times count the epoch of the alert: an alert in the first epoch is 0.1 s. Unavailable epochs count as missed. The spoofer is at "
@@ -71,8 +71,8 @@ NOTES = (
     ),
     (
         "Intervals hold 95 % of single runs. A single approach says little, so they are wide; a match must also lie near the median. "
-        "What fails is mostly approach 1, whose beginning is calm in the paper and which a stationary process detects at once, the times "
-        "below 1 s of approaches 3 and 4, and the repeat-back by 0.5 s, which comes out less detectable than printed."
+        "What fails is mostly approach 1, whose beginning is calm in the paper while the simulated motion is stationary, the times below "
+        "1 s of approaches 3 and 4, and the repeat-back by 0.5 s and the simple monitor's percentages, which come out lower than printed."
     ),
     (
         "Real logs: a car (1 Hz) and two model aircraft (5 Hz), attacked by simulated replays of the receiver's own rows. Lag and the "

@@ -8,7 +8,7 @@ calibration, since the approaches are set by Table 1.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import NormalDist
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from spoofbench_acceleration import approach as simulated
 from spoofbench_acceleration.approach import APPROACHES, Flights
 from spoofbench_acceleration.ensemble import PAPER
 from spoofbench_acceleration.lo_printed import CASES
-from spoofbench_acceleration.lo_tables import GATED, MONITORS, Outcome, convention, crosscorrelation
-from spoofbench_acceleration.statistics import Executive
+from spoofbench_acceleration.lo_tables import MONITORS, Outcome, convention, crosscorrelation
+from spoofbench_acceleration.statistics import Averaging, Executive
 
 JUDGED = convention(3)
 LITERAL = convention(1)
@@ -71,73 +71,6 @@ def _verdict(inside: bool, near: bool) -> Verdict:
     return "matches after calibration" if inside and near else "trend only" if inside or near else "not reproduced"
 
 
-def mean_difference_cells(found: Found, conventions: Sequence[str]) -> Iterator[Cell]:
-    """Mean absolute difference of our 64 median percentages to the printed ones, by convention; 8 points or less are wanted."""
-    for way in conventions:
-        points = mean_absolute_difference(found, way)
-        reason = "; the paper does not say which samples, and this convention was inferred from the table"
-        yield Cell(
-            f"Table 2: mean absolute difference of the 64 percentages, {way}, in points", None, points, None, None,
-            "not reproduced" if points > 8 else "matches after calibration",
-            f"wanted: at most 8{reason if way != LITERAL else '; eight consecutive epochs, as the paper reads'}",
-        )  # fmt: skip
-
-
-def mean_absolute_difference(found: Found, way: str) -> float:
-    """Mean absolute difference of our median percentages to the 64 printed ones, in points."""
-    differences = [
-        abs(found[case.name, approach.number, monitor, way].median_pct - float(case.detection_pct[monitor][place] or 0))
-        for case in CASES
-        for monitor in MONITORS
-        for place, approach in enumerate(APPROACHES)
-    ]
-    return float(np.mean(differences))
-
-
-def summary(found: Found, conventions: Sequence[str]) -> str:
-    """Return the mean absolute difference of each convention as a sentence."""
-    points = ", ".join(f"{way} {mean_absolute_difference(found, way):.1f}" for way in conventions)
-    return f"Mean absolute difference of the medians to the 64 printed percentages, in points: {points}."
-
-
-def check_cells(found: Found) -> Iterator[Cell]:
-    """What Table 2 says in words, as bounds on the medians of all four approaches."""
-    for item, printed, holds in checks(found, JUDGED):
-        literal = next(other for other in checks(found, LITERAL) if other[0] == item)
-        text = " to ".join(f"{value:.3g}" for value in dict.fromkeys((min(holds[0]), max(holds[0]))))
-        elsewhere = "holds" if literal[2][1] else "fails"
-        reason = f"medians of the four approaches, {JUDGED}; with {LITERAL} samples it {elsewhere}"
-        yield Cell(item, printed, text, None, None, "matches after calibration" if holds[1] else "not reproduced", reason)
-
-
-def checks(found: Found, way: str) -> Iterator[tuple[str, str, tuple[list[float], bool]]]:
-    """What is wanted of a convention: its name, the bound in words, the medians of approaches 1 to 4 and whether all keep it."""
-
-    def pct(case: str, monitor: Executive) -> list[float]:
-        return [found[case, approach.number, monitor, way].median_pct for approach in APPROACHES]
-
-    def wanted(item: str, bound: str, values: list[float], low: float, high: float) -> tuple[str, str, tuple[list[float], bool]]:
-        return item, bound, (values, all(low <= value <= high for value in values))
-
-    others = np.max([pct(case.name, "multi") for case in CASES if case.spoofer not in ("nominal", "extrapolate")], axis=0)
-    for case in ("extrapolate 0.5 s", "extrapolate 2 s"):
-        yield wanted(f"multi EM: {case} is detected", ">= 99 %", pct(case, "multi"), 99, 100)
-        lead = (np.array(pct(case, "multi")) - others).tolist()
-        yield wanted(f"multi EM: {case} is detected", ">= 99 %", pct(case, "multi"), 99, 100)
-        yield wanted(f"multi EM: {case} leads the other spoofers, points", "> 0", lead, 1e-9, 100)
-        times = [found[case, approach.number, "multi", way].median_s or math.inf for approach in APPROACHES]
-        yield wanted(f"multi EM: time to first detection of {case}", "0.7 s", times, 0.65, 0.75)
-    yield wanted("simple EM: extrapolate 2 s", "94 to 100 %", pct("extrapolate 2 s", "simple"), 94, 100)
-    yield wanted("simple EM: repeat 0.5 s", "0 %", pct("repeat 0.5 s", "simple"), 0, 0)
-    yield wanted("multi EM: repeat 0.5 s", "10 to 60 %", pct("repeat 0.5 s", "multi"), 10, 60)
-    gain = (np.array(pct("repeat 2 s", "multi")) - pct("repeat 0.5 s", "multi")).tolist()
-    yield wanted("multi EM: repeat 2 s above repeat 0.5 s, points", ">= 25", gain, 25, 100)
-    quiet = [value for monitor in MONITORS for value in pct("nominal", monitor)[:3]] + pct("nominal", "simple")[3:]
-    yield wanted("nominal: no alert but for the dropout of approach 4", "0 %", quiet, 0, 0)
-    yield wanted("nominal: the dropout of approach 4 alerts in the multi EM", "3.7 %", pct("nominal", "multi")[3:], 1e-9, 10)
-    yield wanted("nominal: no alert with lost epochs gated", "0 %", [x for monitor in MONITORS for x in pct(GATED, monitor)], 0, 0)
-
-
 def table1_cells(table: Mapping[str, Sequence[Any]]) -> Iterator[Cell]:
     """Decorrelation, mean and deviation of Table 1, and the correlations of Figs 7 and 8."""
     fields = (("decorrelation_s", "the process's correlation time is chosen within the printed range"),
@@ -171,10 +104,7 @@ def static_cells(seconds: float) -> Iterator[Cell]:
     rates = {"accelerometer": (phone, simulated.PHONE_HZ, 0.027, 0.003), "GNSS": (gnss, simulated.RATE_HZ, 1.198, 0.028)}
     for name, (values, rate_hz, raw, printed) in rates.items():
         settled = round(10 * simulated.AVERAGING_S * rate_hz)
-        span, constant = (
-            float(simulated.averaged(values, rate_hz, weight)[settled:].std())
-            for weight in (None, -math.expm1(-1 / rate_hz / simulated.AVERAGING_S))
-        )
+        span, constant = (float(simulated.averaged(values, rate_hz, kind)[settled:].std()) for kind in get_args(Averaging))
         yield Cell(f"Fig 12: static noise of the {name}, m/s^2", raw, float(values.std()), None, None, "matches after calibration", "set")
         agrees = round(span, 3) == printed
         yield Cell(

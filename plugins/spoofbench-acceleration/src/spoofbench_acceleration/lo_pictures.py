@@ -129,7 +129,7 @@ def _detection(path: Path, flight: Flights, spoofer: Spoofer, delay_s: float) ->
         if column:
             top.plot(time_s, _run(shown, flight), color=SPOOFER, lw=0.8, label="spoofed GNSS")
         top.set_title(name, fontsize=9)
-        top.legend(fontsize=7, loc="upper right")
+        top.legend(fontsize=7, loc="lower left", ncols=3)
         second.plot(time_s, _run(difference, flight), color="k", lw=0.8)
         _flag_rows(third, time_s, flagged)
         for counts, color, label in zip(flagged.counts(), (SPOOFER, GNSS), ("mean difference", "chi-square"), strict=True):

@@ -20,6 +20,8 @@ from spoofbench.reproducing import Cell
 from spoofbench_acceleration.monitor import AccelerationMonitor
 from spoofbench_acceleration.statistics import exponential_average
 
+FLIGHTS = ("fw_apm_testlog2.mat", "fw_px4_search_pattern.zip", "fw_arduplane_erle_E.BIN")
+
 _WINDOWS = 5
 _FLYING_MPS = 8.0
 _CAR = AccelerationMonitor(axis="along_track", lag_s=0.34, mounting_pitch_deg=2.9)
@@ -53,7 +55,7 @@ def logs(data: Path | None, with_drive: bool) -> tuple[list[Log], list[str]]:
                 found.append(make(Path(folder)))
             except SpoofbenchError as error:
                 missing.append(f"The drive is left out: {error}.")
-        for name in ("fw_apm_testlog2.mat", "fw_px4_search_pattern.zip", "fw_arduplane_erle_E.BIN"):
+        for name in FLIGHTS:
             file = data / "phone_bag" / name if data is not None else None
             if file is None or not file.exists():
                 missing.append(f"The flight {name} is left out: it is not there.")
