@@ -229,6 +229,22 @@ def test_a_log_of_an_old_version(tmp_path: Path, gnsslogger: Callable[..., bytes
     assert np.abs(behind).max() < 2_000_000
 
 
+def test_a_log_appended_with_another_header(tmp_path: Path, gnsslogger: Callable[..., bytes], drive: Result) -> None:
+    header = b"# UncalAccel,elapsedRealtimeNanos,utcTimeMillis,UncalAccelXMps2,UncalAccelYMps2,UncalAccelZMps2\n"
+    found = converted(saved(tmp_path, gnsslogger() + header + b"UncalAccel,5080000000001,1700000080123,1.0,2.0,3.0\n"))
+    assert not found.reasons
+    imu = found["/imu0/imu"]
+    np.testing.assert_array_equal(imu.time_ns[:-1], drive["/imu0/imu"].time_ns)
+    assert imu.time_ns[-1] - imu.time_ns[0] == 80 * SECOND_NS
+    assert [imu[name][-1] for name in FORCE] == [1.0, 2.0, 3.0]
+
+
+def test_sources_say_which_rows_they_are_made_of(tmp_path: Path, gnsslogger: Callable[..., bytes], drive: Result) -> None:
+    assert drive.facts["source/gnss0"]["topic"] == "Fix,GPS Raw Agc Status Nav"
+    rows = [line for line in gnsslogger().splitlines(keepends=True) if not line.startswith((b"Agc", b"Nav"))]
+    assert converted(saved(tmp_path, b"".join(rows))).facts["source/gnss0"]["topic"] == "Fix,GPS Raw Status"
+
+
 def test_a_file_of_sentences_alone_is_the_nmea_converters(tmp_path: Path, gnsslogger: Callable[..., bytes]) -> None:
     header = b"".join(line for line in gnsslogger().splitlines(keepends=True) if line.startswith(b"#"))
     assert phone.sniff(Source.of(saved(tmp_path, header + b"NMEA,$GPGGA,1*00,1700000000000\n" * 9))) == 0.0

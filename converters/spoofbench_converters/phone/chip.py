@@ -131,9 +131,11 @@ class Chip:
 
     def about(self) -> Mapping[str, dict[str, str]]:
         """Return the source's metadata, if it gave anything."""
-        if not any(stream.rows for stream in (self._observations, self._clock, self._rf, self._signals, self._navdata)):
+        streams = {"Raw": self._observations, "Agc": self._rf, "Status": self._signals, "Nav": self._navdata}
+        topic = " ".join(name for name, stream in streams.items() if stream.rows)
+        if not topic:
             return {}
-        about = {"topic": "Raw Agc Status Nav"}
+        about = {"topic": topic}
         if self._bias_origin_ns is not None:
             about["clock_bias_origin_ns"] = str(self._bias_origin_ns)
         return {self.source: about}

@@ -120,7 +120,7 @@ def likeness(head: bytes) -> float:
 
 
 def survey(part: Part) -> tuple[Form, Axis]:
-    """Read the first 16 MiB for what the whole log's columns and time axis are."""
+    """Read the first 16 MiB, or as far as the same header goes, for what the log's columns and time axis are."""
     form = Form()
     counts: dict[str, dict[int, int]] = {}
     pairs: dict[str, list[Pairs]] = {"sensors": [], "fixes": [], "raw": []}
@@ -130,7 +130,10 @@ def survey(part: Part) -> tuple[Form, Axis]:
                 continue
             if not lines.starts.size or int(lines.offsets[-1]) > SURVEY_BYTES:
                 break
-            _survey_lines(lines, form, counts, pairs)
+            same = _of_one_header(lines, form, bool(counts))
+            _survey_lines(same, form, counts, pairs)
+            if same.starts.size < lines.starts.size:
+                break
     for kind, widths in counts.items():
         if kind in form.names and kind != "Nav":
             form.widths[kind] = max(widths, key=lambda width: (widths[width], width))
@@ -138,9 +141,19 @@ def survey(part: Part) -> tuple[Form, Axis]:
     return form, Axis.of(sensors, fixes, raw)
 
 
-def _survey_lines(lines: Lines, form: Form, counts: dict[str, dict[int, int]], pairs: dict[str, list[Pairs]]) -> None:
-    for row in np.flatnonzero(first_octets(lines) == ord("#")).tolist():
+def _of_one_header(lines: Lines, form: Form, begun: bool) -> Lines:
+    """Return the lines before a header line that changes the form of rows that have begun; learn those before it."""
+    octets = first_octets(lines)
+    rows = np.flatnonzero((octets != ord("#")) & (octets != 0))
+    first = 0 if begun else int(rows[0]) if rows.size else lines.starts.size
+    for row in np.flatnonzero(octets == ord("#")).tolist():
+        if row > first and form.changed_by(lines.text(row)):
+            return lines.take(np.arange(row))
         form.learn(lines.text(row))
+    return lines
+
+
+def _survey_lines(lines: Lines, form: Form, counts: dict[str, dict[int, int]], pairs: dict[str, list[Pairs]]) -> None:
     rows = text.split(lines)
     kinds = types_of(rows)
     sensors: list[Columns] = []
