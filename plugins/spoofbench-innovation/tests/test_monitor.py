@@ -3,11 +3,17 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
-from spoofbench_innovation import InnovationMonitor
+from spoofbench_innovation import InnovationMonitor, gains
+from spoofbench_innovation.grades import GRADES
+from spoofbench_innovation.preintegration import rotations
 
-from spoofbench.detecting import detect
-from spoofbench.testing import check_detector, spoofed_drive
+from spoofbench.detecting import Trainable, detect
+from spoofbench.errors import PluginError, RecordingError
+from spoofbench.plugins import DETECTORS, make
+from spoofbench.recording import Recording, Table
+from spoofbench.testing import check_detector, drive, spoofed_drive
 
 MONITOR = InnovationMonitor()
 
@@ -37,3 +43,110 @@ def test_quiet_before_the_attack_and_loud_within(statistic: Any, gnss_hz: float,
     assert not decisions.alert[~attacked].any()
     assert decisions.available[attacked].mean() > 0.9
     assert decisions.alert[attacked].any()
+
+
+def test_a_lag_is_taken_out() -> None:
+    """A receiver whose stamps are late by 0.3 s is foreseen as well as one that is in time, if the lag is known."""
+    recording = drive(5, 240.0)
+    table = recording["/gnss0/gnss/pvt"]
+    late = recording.replace(
+        {"/gnss0/gnss/pvt": Table("gnss/pvt", table.time_ns + 300_000_000, {name: table.column(name) for name in table})}
+    )
+    right = _mean(MONITOR, recording)
+    assert _mean(replace(MONITOR, lag_s=0.3), late) == pytest.approx(right, rel=1e-6)
+    assert _mean(MONITOR, late) > 3 * right
+
+
+def test_the_mounting_does_not_matter() -> None:
+    recording = spoofed_drive(6, 120.0)
+    imu = recording["/imu0/imu"]
+    turn = rotations(np.array([0.3, -1.2, 2.0]))
+    columns = {}
+    for sensor, unit in (("accel", "mps2"), ("gyro", "radps")):
+        turned = turn @ np.stack([imu[f"{sensor}_{axis}_{unit}"] for axis in "xyz"])
+        columns |= {f"{sensor}_{axis}_{unit}": values for axis, values in zip("xyz", turned, strict=True)}
+    expected = detect(MONITOR, recording)
+    score = detect(MONITOR, recording.replace({"/imu0/imu": imu.replace(**columns)})).score
+    np.testing.assert_allclose(score, expected.score, rtol=1e-5)
+
+
+def test_positions_alone_are_monitored() -> None:
+    recording = spoofed_drive(7, 240.0)
+    without = dict.fromkeys(["vel_n_mps", "vel_e_mps", "vel_d_mps"])
+    alone = recording.replace({"/gnss0/gnss/pvt": recording["/gnss0/gnss/pvt"].replace(**without)})
+    decisions = detect(MONITOR, alone)
+    attacked = decisions.time_ns >= recording["/truth/attack"]["start_ns"][0]
+    assert decisions.available[attacked].mean() > 0.9
+    assert not decisions.alert[~attacked].any()
+    assert decisions.alert[attacked].any()
+
+
+def test_a_long_gap_starts_anew() -> None:
+    """After it nothing is known until the filter is aligned again; a short one is bridged."""
+    recording = drive(8, 240.0, flaws=False)
+    table = recording["/gnss0/gnss/pvt"]
+    hole = table.take((table.time_ns < table.time_ns[100]) | (table.time_ns > table.time_ns[130]))
+    broken = recording.replace({"/gnss0/gnss/pvt": hole})
+    bridged, anew = detect(MONITOR, broken), detect(replace(MONITOR, restart_s=20.0), broken)
+    assert bridged.available[99:].all()
+    assert not anew.available[100]
+    assert anew.available[-1]
+    assert not (bridged.alert | anew.alert).any()
+
+
+def test_fitting_raises_the_inflation_to_the_mean_of_clean_recordings_and_never_lowers_it() -> None:
+    assert isinstance(MONITOR, Trainable)
+    clean = [drive(seed, 120.0).blind() for seed in (0, 1)]
+    optimistic = replace(MONITOR, velocity_mps=0.005, climb_mps=0.005)
+    fitted = optimistic.fit(clean, [])
+    found = [optimistic.filtered(recording)[1] for recording in clean]
+    mean = sum(one.squared[one.run >= 0].sum() for one in found) / sum(one.measured[one.run >= 0].sum() for one in found)
+    assert fitted.inflation == pytest.approx(mean)
+    assert replace(fitted, inflation=1.0) == optimistic
+    assert mean > 1
+    assert MONITOR.fit(clean, []).inflation == 1
+    with pytest.raises(RecordingError, match="enough motion"):
+        MONITOR.fit([drive(0, 60.0).until(drive(0, 60.0).span.start_ns + 5 * 10**9)], [])
+
+
+def test_variants_share_what_the_imu_decides(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The covariance recursion runs once for a recording and its variants, and once more where other rows are missing."""
+    runs = []
+    recursion = gains.recursion
+    monkeypatch.setattr(gains, "recursion", lambda *given: runs.append(1) or recursion(*given))
+    clean, spoofed = drive(9, 240.0), spoofed_drive(9, 240.0)
+    imu = clean["/imu0/imu"]
+    spoofed = spoofed.replace({"/imu0/imu": imu})
+    detect(MONITOR, clean)
+    detect(MONITOR, spoofed)
+    assert len(runs) == 1
+    table = spoofed["/gnss0/gnss/pvt"]
+    detect(MONITOR, spoofed.replace({"/gnss0/gnss/pvt": table.replace(vel_d_mps=None)}))
+    assert len(runs) == 2
+
+
+@pytest.mark.parametrize(
+    ("parameters", "reason"),
+    [
+        ({"statistic": "mean"}, r"statistic must be one of \['cumulative', 'windowed', 'per-epoch'\], not 'mean'"),
+        ({"grade": "toy"}, "grade must be one of"),
+        ({"p_fa": 0.0}, "p_fa must lie between 0 and 1"),
+        ({"lag_s": -0.1}, "lag_s must be 0 or more"),
+        ({"gyro_bias_radps": -1.0}, "gyro_bias_radps must be positive"),
+        ({"restart_s": 1.0}, "restart_s must be finite and at least 2"),
+        ({"window": 5}, "has no parameter 'window'"),
+    ],
+)
+def test_wrong_parameters_are_refused(parameters: dict[str, Any], reason: str) -> None:
+    with pytest.raises(PluginError, match=reason):
+        make(DETECTORS, "innovation", parameters)
+
+
+def test_parameters_override_the_grade() -> None:
+    monitor = replace(MONITOR, grade="navigation", accel_bias_mps2=0.5)
+    assert monitor.imu_errors == replace(GRADES["navigation"], accel_bias_mps2=0.5)
+
+
+def _mean(monitor: InnovationMonitor, recording: Recording) -> float:
+    found = monitor.filtered(recording)[1]
+    return float(found.squared[found.run >= 0].mean())

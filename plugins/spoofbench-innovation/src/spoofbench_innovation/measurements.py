@@ -12,6 +12,7 @@ Floats = NDArray[np.float64]
 
 EARTH_RATE_RADPS = 7.292115e-5
 _SEMI_MAJOR_M, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3  # WGS 84
+_ABSURD = 1e9  # metres or metres per second, which no receiver measures
 _NO_FIX = (gnss_pb2.FIX_TYPE_NONE, gnss_pb2.FIX_TYPE_DEAD_RECKONING, gnss_pb2.FIX_TYPE_TIME_ONLY)
 
 
@@ -38,7 +39,7 @@ def measurements(pvt: Table, floor: tuple[float, float, float, float], reported:
     """Return the epochs of a receiver.
 
     Velocity comes from speed and course where there is no vector; down is then not measured. Epochs without a fix, and those whose
-    position or velocity is the receiver's own dead reckoning, measure nothing.
+    position or velocity is the receiver's own dead reckoning, measure nothing; nor do values beyond 1e9.
 
     Args:
         pvt: rows of kind ``gnss/pvt``; of several at one time the last counts.
@@ -54,9 +55,10 @@ def measurements(pvt: Table, floor: tuple[float, float, float, float], reported:
     polar = pvt["speed_mps"][:, None] * np.column_stack([np.cos(course), np.sin(course)])
     velocity[:, :2] = np.where(np.isnan(velocity[:, :2]).any(axis=1, keepdims=True), polar, velocity[:, :2])
     values = np.concatenate([position, velocity], axis=1)
+    values[refused] = np.nan
+    values[~(np.abs(values) < _ABSURD)] = np.nan
     for pair in (slice(0, 2), slice(3, 5)):
         values[np.isnan(values[:, pair]).any(axis=1), pair] = np.nan
-    values[refused] = np.nan
     deviations = np.tile(np.array(floor), (len(pvt), 1))
     if reported:
         deviations = np.fmax(deviations, _reported(pvt))

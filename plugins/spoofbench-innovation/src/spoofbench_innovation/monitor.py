@@ -119,7 +119,10 @@ class InnovationMonitor:
         return found, innovations(recording.primary("imu"), found, settings)
 
     def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:  # noqa: ARG002, what is attacked says nothing of noise
-        """Return the monitor whose ``inflation`` makes the mean of the normalised innovations squared of clean recordings right.
+        """Return the monitor whose ``inflation`` is the mean of the normalised innovations squared of clean recordings.
+
+        It is at least 1: a mean below it comes of position errors that last, so that a filter soon foresees them. The variance
+        that covers them must stay.
 
         Raises:
             RecordingError: there is no clean recording on which the filter can be aligned.
@@ -131,7 +134,7 @@ class InnovationMonitor:
             degrees += int(filtered.measured[filtered.run >= 0].sum())
         if not degrees:
             raise RecordingError("the innovation monitor cannot be fitted: no clean recording has enough motion to align it")
-        return replace(self, inflation=squared / degrees)
+        return replace(self, inflation=max(1.0, squared / degrees))
 
 
 _OVERRIDES = ("velocity_random_walk", "angle_random_walk", "accel_bias_mps2", "gyro_bias_radps", "bias_s")

@@ -10,7 +10,7 @@ from spoofbench_innovation.filtering import Innovations
 Floats = NDArray[np.float64]
 Statistic = Literal["cumulative", "windowed", "per-epoch"]
 
-_LARGEST = 1e12  # a squared innovation beyond it is cut, so that sums stay exact
+_LARGEST = 1e9  # a squared innovation beyond it is cut, so that sums stay exact
 
 
 def ratio(time_ns: NDArray[np.int64], found: Innovations, statistic: Statistic, window_s: float, p_fa: float) -> Floats:
