@@ -107,3 +107,34 @@ def test_what_is_interrupted_leaves_nothing(number: signal.Signals, logs: list[s
     assert process.returncode != 0
     assert "Traceback" not in err
     assert list((tmp_path / "out").iterdir()) == []
+
+
+MAPPING = """
+clock = "sensor"
+[table.log]
+time = { column = "t", unit = "s" }
+[table.log."/imu0/imu"]
+accel_x_mps2 = "ax"
+"""
+
+
+def test_a_mapping_takes_what_no_converter_recognises(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    for name, text in {"a.csv": "t,ax\n1,2\n", "b.csv": "t,ax\n1,2\n3,4\n", "notes.txt": "nothing\n", "c.log": "steps..."}.items():
+        (tmp_path / "logs" / name).write_text(text)
+    (tmp_path / "mine.toml").write_text(MAPPING)
+    code, out, err = convert("logs/a.csv", "--mapping", "mine.toml", "-o", "a.mcap", "--json", cwd=tmp_path)
+    assert (code, err, [row["ledger"]["rows"] for row in rows(out).values()]) == (0, "", [{"/imu0/imu": 1}])
+    code, out, err = convert("logs", "--mapping", "mine.toml", "-o", "out", "--json", cwd=tmp_path)
+    status = {source: row["status"] for source, row in rows(out).items()}
+    assert code == 0
+    assert status == {"logs/a.csv": "converted", "logs/b.csv": "converted", "logs/c.log": "converted", "logs/notes.txt": "not recognised"}
+    assert "needs a column 't'" in err
+    code, _, err = convert("logs/notes.txt", "--mapping", "mine.toml", "-o", "a.mcap", cwd=tmp_path)
+    assert (code, "needs a column 't'" in err) == (1, True)
+
+
+def test_a_mapping_that_is_not_sound_says_so(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(MAPPING.replace("accel_x_mps2", "acel_x_mps2"))
+    code, _, err = convert("mine.toml", "-o", "a.mcap", cwd=tmp_path)
+    assert (code, "acel_x_mps2" in err) == (1, True)

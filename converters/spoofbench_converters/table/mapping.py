@@ -222,7 +222,7 @@ def read_mapping(octets: bytes, name: str, folder: Path | None = None) -> Mappin
     topics = [topic.topic for table in tables for topic in table.topics]
     twice = next((topic for topic in topics if topics.count(topic) > 1), None)
     if twice:
-        raise root.error(f"has the topic {twice!r} twice: give each table's rows a source of their own")
+        raise root.error(f"has the topic {twice!r} twice: join the tables first, or give each a source of its own")
     sources = {f"source/{key}": {k: node.text(k) for k in node} for key, node in root.children("source")}
     clock = root.one_of("clock", _CLOCKS)
     return Mapping(

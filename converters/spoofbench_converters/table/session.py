@@ -69,9 +69,9 @@ def _find_tags(session: Session, source: Source) -> None:
 
 def sniff(source: Source) -> float:
     """Return 1 for a mapping, 0.9 for a log whose tables are exactly those of a ready mapping, else 0."""
+    if _is_mapping(source):
+        return 1.0
     try:
-        if mapping_of(source) is not None:
-            return 1.0
         if (
             source.path.is_file()
             and not source.is_archive
@@ -93,9 +93,11 @@ def mapping_of(source: Source) -> Mapping | None:
     Raises:
         ConversionError: it is one, but not sound.
     """
-    if source.path.suffix != ".toml" or b"[table." not in source.head:
-        return None
-    return load_mapping(source.path)
+    return load_mapping(source.path) if _is_mapping(source) else None
+
+
+def _is_mapping(source: Source) -> bool:
+    return source.path.suffix == ".toml" and b"[table." in source.head
 
 
 @cache

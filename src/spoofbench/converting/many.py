@@ -59,9 +59,9 @@ class Outcome:
 
 def convert_job(job: Job, request: Request, progress: Callable[[float], None] | None = None) -> Outcome:
     """Convert one log; whatever a log can cause is an outcome."""
+    claimed = True
     try:
-        named = request.format if not job.walked else None
-        name = named or recognise(Source.of(job.source), request.format)[0].name
+        name, claimed = _converter_of(job, request)
         known = {option.name for option in fields(plugins.find(plugins.CONVERTERS, name).load().Options)}
         wishes = {key: text for key, text in request.wishes.items() if key in known}
         job.target.parent.mkdir(parents=True, exist_ok=True)
@@ -71,11 +71,24 @@ def convert_job(job: Job, request: Request, progress: Callable[[float], None] | 
     except NotRecognised as error:
         return Outcome(job, "not recognised", reason="; ".join(error.broken) or None if job.walked else str(error))
     except SpoofbenchError as error:
-        return Outcome(job, "failed", reason=str(error))
+        return Outcome(job, "failed" if claimed else "not recognised", reason=str(error))
     except OSError as error:
         return Outcome(job, "failed", reason=f"{error.filename or job.target}: {error.strerror or error}")
     except MemoryError:
         return Outcome(job, "failed", reason="this takes more memory than there is")
+
+
+def _converter_of(job: Job, request: Request) -> tuple[str, bool]:
+    """Return a log's converter, and whether the log was named or claimed: else it is only tried by the mapping that the user gives."""
+    if request.format is not None and not job.walked:
+        return request.format, True
+    log = Source.of(job.source)
+    try:
+        return recognise(log, request.format)[0].name, True
+    except NotRecognised:
+        if "mapping" not in {**request.wishes, **request.options}:
+            raise
+        return recognise(log, request.format, by_mapping=True)[0].name, not job.walked
 
 
 def convert_many(

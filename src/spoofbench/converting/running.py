@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from spoofbench import plugins
-from spoofbench.converting.contract import Block, Converter, Extent, Facts, Item, Reject, Rejects
+from spoofbench.converting.contract import Block, Converter, Exporting, Extent, Facts, Item, Reject, Rejects
 from spoofbench.converting.ledger import Ledger
 from spoofbench.converting.options import make_options
 from spoofbench.converting.sources import Source
@@ -56,7 +56,7 @@ def convert(
     log = Source.of(source)
     if out.resolve().is_relative_to(source.resolve()):
         raise ConversionError(f"the output {str(out)!r} would change the log {str(source)!r}; choose another place")
-    plugin, converter = (plugins.find(plugins.CONVERTERS, format), None) if format else recognise(log)
+    plugin, converter = (plugins.find(plugins.CONVERTERS, format), None) if format else recognise(log, by_mapping="mapping" in options)
     converter = converter or plugin.load()
     chosen = make_options(converter.Options, options, plugin.name)
     log = log.afresh()
@@ -76,8 +76,10 @@ def convert(
     return run.ledger
 
 
-def recognise(log: Source, only: str | None = None) -> tuple[Plugin, Converter]:
+def recognise(log: Source, only: str | None = None, *, by_mapping: bool = False) -> tuple[Plugin, Converter]:
     """Return the converter that is surest that a log is its own; ``only`` that one is asked, if given.
+
+    Where the user gives a mapping, a log that none claims goes to the converter that reads by mappings.
 
     Raises:
         PluginError: there is no such converter; NotRecognised: none claims it; ConversionError: two claim it alike.
@@ -92,6 +94,9 @@ def recognise(log: Source, only: str | None = None) -> tuple[Plugin, Converter]:
             broken.append(str(error) if isinstance(error, PluginError) else f"{plugin} failed: {error}")
     claims.sort(key=lambda claim: -claim[0])
     if not claims or claims[0][0] <= 0:
+        reader = next(((plugin, converter) for _, plugin, converter in claims if by_mapping and isinstance(converter, Exporting)), None)
+        if reader is not None:
+            return reader
         tried = sorted(plugin.name for _, plugin, _ in claims)
         raise NotRecognised(f"no converter recognises {log.path.name!r}; tried {tried or 'none'}", broken)
     if len(claims) > 1 and claims[1][0] == claims[0][0]:
