@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spoofbench_acceleration import ensemble, lo_printed
 from spoofbench_acceleration import statistics as s
-from spoofbench_acceleration.approach import APPROACHES, AVERAGING_S, RATE_HZ, averaged
+from spoofbench_acceleration.approach import APPROACHES, AVERAGING_S, CHOSEN, RATE_HZ, averaged
 
 Array = np.ndarray[Any, Any]
 START, EPOCHS = 40, 160
@@ -58,7 +58,7 @@ def test_the_average_is_the_detectors(seed: int, rate_hz: int) -> None:
 def test_spoofers_on_a_ramp(delay_s: float) -> None:
     """Repeat-back lags by its delay, extrapolation not at all, and smoothing by half its window."""
     time_s = np.arange(200)[:, None] / RATE_HZ
-    lags = {"repeat": delay_s, "extrapolate": 0.0, "extrapolate & smooth": (ensemble.SMOOTHING_S - 1 / RATE_HZ) / 2}
+    lags = {"repeat": delay_s, "extrapolate": 0.0, "extrapolate & smooth": (CHOSEN.smoothing_s - 1 / RATE_HZ) / 2}
     for spoofer, lag_s in lags.items():
         np.testing.assert_allclose(ensemble.spoofed(time_s, spoofer, delay_s)[100:], time_s[100:] - lag_s, atol=1e-9)  # type: ignore[arg-type]
     assert not ensemble.spoofed(time_s, "zero", delay_s).any()

@@ -22,8 +22,6 @@ PHONE_BIAS_MPS2 = -0.03
 GNSS_AVERAGED_MPS2 = 0.028
 
 _FINE_HZ = 40  # the lowest rate that holds the epochs of both sensors
-_GUST_S = 0.35  # chosen: its 5 s average decorrelates within the 2.5 to 3.1 s of Table 1
-_MISMATCH_S = 10.0  # chosen: slow against the average
 _DESCENT_MPS = 3.7  # 3 degrees at 70 m/s: only a lost epoch shows it
 
 
@@ -58,6 +56,24 @@ APPROACHES = (
 
 
 @dataclass(frozen=True, slots=True)
+class Choices:
+    """What the paper leaves open.
+
+    Attributes:
+        gust_s: correlation time of the motion; its 5 s average decorrelates within the 2.5 to 3.1 s of Table 1.
+        mismatch_s: correlation time of the mismatch, slow against the average.
+        smoothing_s: trailing mean of the spoofer who extrapolates and smooths.
+    """
+
+    gust_s: float = 0.35
+    mismatch_s: float = 10.0
+    smoothing_s: float = 4.0
+
+
+CHOSEN = Choices()
+
+
+@dataclass(frozen=True, slots=True)
 class Flights:
     """Averaged vertical accelerations of one approach, m/s^2, ``(epochs, runs)`` at 10 Hz.
 
@@ -74,19 +90,19 @@ class Flights:
     gated_mps2: Floats
 
 
-def fly(approach: Approach, seeds: Sequence[int]) -> Flights:
+def fly(approach: Approach, seeds: Sequence[int], choices: Choices = CHOSEN) -> Flights:
     """Return one run of the approach per seed."""
     start, epochs = round(WARM_UP_S * RATE_HZ), round((WARM_UP_S + approach.duration_s) * RATE_HZ)
     rngs = [np.random.default_rng([seed, approach.number]) for seed in seeds]
     fine = epochs * _FINE_HZ // RATE_HZ
-    gust = level_mps2(approach) / _averaged_share() * ornstein_uhlenbeck(_noise(rngs, fine), _GUST_S * _FINE_HZ)
+    gust = level_mps2(approach) / _averaged_share(choices.gust_s) * ornstein_uhlenbeck(_noise(rngs, fine), choices.gust_s * _FINE_HZ)
     raw, lost = _receiver(gust, _noise(rngs, epochs), approach.dropout_s)
     samples = gust[:: _FINE_HZ // PHONE_HZ]
     samples = samples + PHONE_STATIC_MPS2 * _noise(rngs, len(samples))
     felt = averaged(samples, PHONE_HZ)[np.arange(epochs) * PHONE_HZ // RATE_HZ]
     clean, _ = _receiver(gust, None, None)
     residual = felt - averaged(clean, RATE_HZ)
-    mismatch = ornstein_uhlenbeck(_noise(rngs, epochs), _MISMATCH_S * RATE_HZ)
+    mismatch = ornstein_uhlenbeck(_noise(rngs, epochs), choices.mismatch_s * RATE_HZ)
     phone = felt + approach.mean_mps2 + _filling(mismatch, residual, start, approach.std_mps2)
     return Flights(start, phone, averaged(raw, RATE_HZ), averaged(np.where(lost[:, None], np.nan, raw), RATE_HZ))
 
@@ -144,9 +160,9 @@ def _noise(rngs: Sequence[np.random.Generator], rows: int) -> Floats:
     return np.stack([rng.standard_normal(rows) for rng in rngs], axis=1)
 
 
-def _averaged_share() -> float:
+def _averaged_share(gust_s: float) -> float:
     """Deviation of the averaged unit process over that of the process itself, by the AR(1) covariance at 10 Hz."""
-    keep, decay = 1 - 2 / (AVERAGING_S * RATE_HZ + 1), np.exp(-1 / (_GUST_S * RATE_HZ))
+    keep, decay = 1 - 2 / (AVERAGING_S * RATE_HZ + 1), np.exp(-1 / (gust_s * RATE_HZ))
     return float(np.sqrt((1 - keep) / (1 + keep) * (1 + keep * decay) / (1 - keep * decay)))
 
 

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench_acceleration.approach import RATE_HZ
+from spoofbench_acceleration.approach import CHOSEN, RATE_HZ
 from spoofbench_acceleration.monitor import AccelerationMonitor
 from spoofbench_acceleration.statistics import Executive, Floats, chi_square, mean_difference
 
@@ -18,10 +18,9 @@ Bools = NDArray[np.bool_]
 Spoofer = Literal["nominal", "zero", "repeat", "extrapolate", "extrapolate & smooth"]
 
 PAPER = AccelerationMonitor()
-SMOOTHING_S = 4.0  # the paper does not say
 
 
-def spoofed(gnss_mps2: Floats, spoofer: Spoofer, delay_s: float) -> Floats:
+def spoofed(gnss_mps2: Floats, spoofer: Spoofer, delay_s: float, smoothing_s: float = CHOSEN.smoothing_s) -> Floats:
     """Return the averaged acceleration that a spoofer shows who knows the true one ``delay_s`` late.
 
     ``extrapolate`` follows the slope over one epoch of what it knows, linearly over the delay; ``extrapolate & smooth``
@@ -36,7 +35,7 @@ def spoofed(gnss_mps2: Floats, spoofer: Spoofer, delay_s: float) -> Floats:
     if spoofer == "repeat":
         return known
     ahead = known + steps * (known - _delayed(known, 1))
-    return ahead if spoofer == "extrapolate" else _trailing_mean(ahead, round(SMOOTHING_S * RATE_HZ))
+    return ahead if spoofer == "extrapolate" else _trailing_mean(ahead, round(smoothing_s * RATE_HZ))
 
 
 @dataclass(frozen=True, slots=True)

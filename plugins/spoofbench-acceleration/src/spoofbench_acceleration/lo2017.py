@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from spoofbench.reproducing import Progress, Reproduced, save_table
-from spoofbench_acceleration import lo_cells, lo_checks, lo_pictures, lo_real
+from spoofbench_acceleration import lo_cells, lo_checks, lo_choices, lo_pictures, lo_real
 from spoofbench_acceleration.approach import APPROACHES, fly
 from spoofbench_acceleration.lo_tables import STRIDES, convention, outcomes, signatures, table1, table2
 
@@ -15,17 +15,21 @@ PAPER = (
 
 RUNS = 400
 QUICK_RUNS = 30
+VARIED_RUNS = 200
 
 
 def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> Reproduced:
-    """Write ``table1``, ``table2`` and ``real`` as Parquet, and the pictures; see :class:`spoofbench.reproducing.Reproduction`."""
+    """Write ``table1``, ``table2``, ``sensitivity`` and ``real`` as Parquet, and the pictures.
+
+    See :class:`spoofbench.reproducing.Reproduction`.
+    """
     seeds = range(QUICK_RUNS if quick else RUNS)
     flights, found, signature = {}, [], []
     for place, approach in enumerate(APPROACHES):
         flights[approach.number] = fly(approach, seeds)
         found += list(outcomes(approach, flights[approach.number], STRIDES))
         signature.append(signatures(flights[approach.number]))
-        progress((place + 1) / len(APPROACHES) * 0.5)
+        progress((place + 1) / len(APPROACHES) * 0.3)
     first = table1(signature)
     save_table(first, out / "table1.parquet")
     save_table(table2(found), out / "table2.parquet")
@@ -38,8 +42,12 @@ def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> 
         *lo_checks.mean_difference_cells(index, [convention(stride) for stride in STRIDES]),
         *lo_cells.table2_cells(index),
     ]
+    names, some = (["as chosen"], range(QUICK_RUNS)) if quick else (list(lo_choices.VARIED), range(VARIED_RUNS))
+    varied = lo_choices.sensitivity(names, some, lambda share: progress(0.3 + 0.4 * share))
+    save_table({name: [row[name] for row in varied] for name in varied[0]}, out / "sensitivity.parquet")
+    cells.append(lo_choices.sensitivity_cell(varied))
     pictures = lo_pictures.draw(out, flights, index)
-    progress(0.7)
+    progress(0.8)
     logs, missing = lo_real.logs(data, with_drive=not quick)
     real = [row for log in logs for row in lo_real.rows(log)]
     if real:

@@ -50,11 +50,13 @@ def logs(data: Path | None, with_drive: bool) -> tuple[list[Log], list[str]]:
     """Return the logs that are there, and a sentence on each that is not."""
     found, missing = [], []
     with TemporaryDirectory() as folder:
-        for make in (_drive,) if with_drive else ():
+        if with_drive:
             try:
-                found.append(make(Path(folder)))
+                found.append(_drive(Path(folder)))
             except SpoofbenchError as error:
                 missing.append(f"The drive is left out: {error}.")
+        else:
+            missing.append("The drive is left out of the short form.")
         for name in FLIGHTS:
             file = data / "phone_bag" / name if data is not None else None
             if file is None or not file.exists():

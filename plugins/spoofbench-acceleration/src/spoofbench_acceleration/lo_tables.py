@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spoofbench_acceleration.approach import APPROACHES, RATE_HZ, Approach, Flights
+from spoofbench_acceleration.approach import APPROACHES, CHOSEN, RATE_HZ, Approach, Flights
 from spoofbench_acceleration.ensemble import Bools, first_detection_s, flags, percentage, spoofed
 from spoofbench_acceleration.lo_printed import CASES
 from spoofbench_acceleration.statistics import Executive, Floats
@@ -57,9 +57,9 @@ class Outcome:
         return float(low), float(high), float(early), float(late)
 
 
-def outcomes(approach: Approach, flights: Flights, strides: Sequence[int]) -> Iterator[Outcome]:
+def outcomes(approach: Approach, flights: Flights, strides: Sequence[int], smoothing_s: float = CHOSEN.smoothing_s) -> Iterator[Outcome]:
     """Table 2 of one approach, and the nominal case with lost epochs gated."""
-    shown = {case.name: spoofed(flights.gnss_mps2, case.spoofer, case.delay_s) for case in CASES} | {GATED: flights.gated_mps2}
+    shown = {case.name: spoofed(flights.gnss_mps2, case.spoofer, case.delay_s, smoothing_s) for case in CASES} | {GATED: flights.gated_mps2}
     for stride in strides:
         for case, gnss in shown.items():
             flagged = flags(flights.phone_mps2 - gnss, flights.start, stride)
