@@ -13,7 +13,7 @@ from spoofbench.doctor import Finding, examine
 from spoofbench.recording import Recording, Table
 from spoofbench.testing.recordings import START_NS, drive, spoofed_drive
 
-PVT, IMU = "/gnss0/gnss/pvt", "/imu0/imu"
+PVT, IMU, MAG = "/gnss0/gnss/pvt", "/imu0/imu", "/car0/mag"
 SECOND_NS = 1_000_000_000
 GPS_EPOCH_S = 315_964_800
 Change = Callable[[Recording], Recording]
@@ -169,6 +169,7 @@ def week_off(recording: Recording) -> Recording:
 
 GYRO = ("gyro_x_radps", "gyro_y_radps", "gyro_z_radps")
 ACCEL = ("accel_x_mps2", "accel_y_mps2", "accel_z_mps2")
+FIELD = ("field_x_ut", "field_y_ut", "field_z_ut")
 VELOCITY = ("vel_n_mps", "vel_e_mps")
 STEPS = {"clock_step_count": "2", "clock_steps": json.dumps([{"offset": 7, "from_ns": 0, "to_ns": SECOND_NS}])}
 
@@ -211,6 +212,12 @@ MISTAKES: dict[str, tuple[Change, str, str]] = {
     ),
     "accelerometer off": (scaled(IMU, 1.4, *ACCEL), "accel-scale", "warning"),
     "accelerometer clipped": (clipped, "imu-saturated", "warning"),
+    "magnetometer in gauss": (scaled(MAG, 0.01, *FIELD), "mag-unit", "error"),
+    "magnetometer in milligauss": (scaled(MAG, 10.0, *FIELD), "mag-unit", "error"),
+    "magnetometer in gauss declared tesla": (scaled(MAG, 1e4, *FIELD), "mag-unit", "error"),
+    "magnetometer in tesla": (scaled(MAG, 1e-6, *FIELD), "mag-unit", "error"),
+    "magnetometer off": (scaled(MAG, 0.1, *FIELD), "mag-scale", "warning"),
+    "magnetometer beside iron": (lambda r: edited(r, MAG, field_x_ut=r[MAG]["field_x_ut"] + 400), "mag-bias", "info"),
     "IMU frozen": (repeated, "frozen-imu", "warning"),
     "gyro absent as 0": (scaled(IMU, 0.0, *GYRO), "all-zero", "error"),
     "IMU decimated": (lambda r: edited(with_rows(IMU, lambda n: np.arange(0, n, 100))(r), IMU, interval_s=None), "slow-imu", "warning"),

@@ -12,7 +12,7 @@ import numpy as np
 
 from spoofbench.codec import read
 from spoofbench.converting import Source, convert, recognise
-from spoofbench.doctor import clocks, contents, inertial, positions, rates, receivers, turning, velocities
+from spoofbench.doctor import clocks, contents, inertial, magnetic, positions, rates, receivers, turning, velocities
 from spoofbench.doctor.clocks import MODIFIED
 from spoofbench.doctor.finding import SEVERITIES, Finding, Severity
 from spoofbench.errors import ConversionError
@@ -52,6 +52,7 @@ CHECKS: Sequence[Callable[[Recording], list[Finding]]] = (
     inertial.gravity,
     inertial.ranges,
     inertial.frozen,
+    magnetic.fields,
     turning.turning,
     receivers.lags,
     receivers.datums,
