@@ -57,10 +57,10 @@ def statistics(path: Path, values: Values, shown: Sequence[tuple[str, str]]) -> 
     save_figure(figure, path)
 
 
-def delays(path: Path, rows: Sequence[Row]) -> None:
+def delays(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
     """Draw the share of epochs with H below the paper's threshold over the replay's delay."""
     figure, axes = new_figure(7.0, 4.0)
-    for name in dict.fromkeys(row["recording"] for row in rows):
+    for name in names:
         points = sorted(
             (0 if row["case"] == "genuine" else int(row["case"][7:-1]), row["share_below_0_7"])
             for row in rows
@@ -75,21 +75,17 @@ def delays(path: Path, rows: Sequence[Row]) -> None:
     save_figure(figure, path)
 
 
-def transfer(path: Path, rows: Sequence[Row]) -> None:
+def transfer(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
     """Draw false alerts and detections on each recording with the threshold of each other, for H."""
-    chosen = [row for row in rows if row["statistic"] == "H"]
-    fitted, applied = ([*dict.fromkeys(row[key] for row in chosen)] for key in ("fitted_on", "applied_to"))
-    figure, axes = new_figure(13.0, 6.2, columns=2)
+    figure, axes = new_figure(11.0, 5.2, columns=2)
     for panel, key in zip(axes, ("false_alert_share", "detection_share"), strict=True):
-        grid = np.full((len(fitted), len(applied)), np.nan)
-        for row in chosen:
-            if row[key] is not None:
-                grid[fitted.index(row["fitted_on"]), applied.index(row["applied_to"])] = row[key]
+        share = {(row["fitted_on"], row["applied_to"]): row[key] for row in rows if row["statistic"] == "H" and row[key] is not None}
+        grid = np.array([[share.get((fitted_on, applied_to), np.nan) for applied_to in names] for fitted_on in names])
         panel.imshow(grid, vmin=0, vmax=1, cmap="Oranges" if key.startswith("false") else "Blues")
         for i, j in np.argwhere(~np.isnan(grid)).tolist():
             panel.text(j, i, f"{100 * grid[i, j]:.0f}", ha="center", va="center", fontsize=7, color="w" if grid[i, j] > 0.6 else "k")
-        panel.set_xticks(range(len(applied)), applied, rotation=60, ha="right", fontsize=8)
-        panel.set_yticks(range(len(fitted)), fitted, fontsize=8)
+        panel.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=8)
+        panel.set_yticks(range(len(names)), names, fontsize=8)
         panel.set_title(key.replace("_", " ").replace("share", "share, %"), fontsize=10)
         panel.set_xlabel("applied to")
     axes[0].set_ylabel("fitted on")

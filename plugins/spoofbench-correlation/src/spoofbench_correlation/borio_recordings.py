@@ -34,14 +34,15 @@ class Log:
     """A log: its files below the folder of logs (none: the drive of the demo), the table converter's mapping, what it is.
 
     Attributes:
-        route: recordings of one route, driven at different times or by different receivers, share it.
+        group: recordings that share it are of one route, driven at different times or by different receivers; those of Fairbanks of
+            one car, and of one route in part.
         lag_s: how late the receiver's velocities are against the IMU, where that is known; None: it is fitted, or 0 for a short
             recording.
     """
 
     name: str
     files: tuple[str, ...]
-    route: str
+    group: str
     about: str
     mapping: str | None = None
     lag_s: float | None = None
@@ -182,13 +183,15 @@ def with_velocity(pvt: Table) -> tuple[Table, str]:
         words = "the receiver's speed and course"
     elif pvt.has("lat_deg", "lon_deg"):
         north, east = _displacement_m(pvt)
+        course = np.degrees(np.arctan2(east, north)) % 360
         words = "the receiver's speed, the course of its positions"
         if not pvt.has("speed_mps"):
             words = "differences of positions"
             elapsed_s = np.diff(pvt.time_ns, prepend=pvt.time_ns[:1]) / 1e9
             speed = np.divide(np.hypot(north, east), elapsed_s, out=np.full(len(pvt), np.nan), where=elapsed_s > 0)
             pvt = pvt.replace(speed_mps=speed)
-        pvt = pvt.replace(course_deg=np.degrees(np.arctan2(east, north)) % 360)
+        held = (north == 0) & (east == 0) & (pvt["speed_mps"] > 0)  # a position repeated says no course
+        pvt = pvt.replace(course_deg=np.where(held, np.nan, course))
     else:
         raise NotApplicable("the receiver says neither velocity nor position")
     velocity = gnss.velocity(pvt)

@@ -35,7 +35,7 @@ SETTINGS: Mapping[str, Mapping[str, Any]] = {
     "adaptive": {"adaptive": True},
 }
 GYRO_NOISES_RADPS = (0.0, 0.02, 0.05, 0.1, 0.2)  # of the means over an epoch
-OTHER_VEHICLES = {"drive": "rtk-drive"}  # donors where no recording shares the route; for the others the drive
+OTHER_VEHICLES = {"drive": "rtk-drive"}  # donors where no recording shares the group; for the others the drive
 SLOW_MPS = 0.3
 MOVING_MPS = 5.0
 QUINTILES = 5
@@ -64,15 +64,15 @@ def series_of(recording: Recording, statistic: str, window_s: float, **parameter
 def cases(session: Session, all_sessions: Sequence[Session]) -> Iterator[tuple[str, Recording]]:
     """Yield the genuine recording and its falsified stretches, each under attack from end to end.
 
-    A replay is the receiver's own past; meaconing takes another run of the route, or where there is none another vehicle's.
+    A replay is the receiver's own past; meaconing takes another recording of the group, or where there is none another vehicle's.
     """
     clean = session.recording
     yield "genuine", clean
     for delay_s in DELAYS_S:
         yield from _attacked(f"replay-{delay_s}s", "replay", Replay(float(delay_s)), session, ())
-    route = [other for other in all_sessions if other.log.route == session.log.route and other is not session]
+    group = [other for other in all_sessions if other.log.group == session.log.group and other is not session]
     wanted = OTHER_VEHICLES.get(session.name, "drive")
-    for donor in route or [other for other in all_sessions if other.name == wanted]:
+    for donor in group or [other for other in all_sessions if other.name == wanted]:
         yield from _attacked(f"meacon-{donor.name}", "meacon", Meacon(), session, (donor.recording,))
 
 
@@ -241,9 +241,9 @@ def dynamics(sessions: Sequence[Session], values: Values) -> list[Row]:
 
 
 def parked(session: Session, series: Series) -> NDArray[np.bool_]:
-    """Which values are of windows in which the receiver stands still for four fifths of the epochs."""
+    """Which values are of windows in which the receiver stands still throughout."""
     time_s, _, _, slow = _window_motion(session)
-    return np.asarray(slow[np.searchsorted(time_s, series.time_s)] >= 0.8)
+    return np.asarray(slow[np.searchsorted(time_s, series.time_s)] == 1)
 
 
 def _window_motion(session: Session) -> tuple[Floats, Floats, Floats, Floats]:
@@ -262,7 +262,8 @@ def _trailing_mean(values: Floats, first: NDArray[np.intp]) -> Floats:
     known = ~np.isnan(values)
     total, count = (np.concatenate(([0.0], np.cumsum(column))) for column in (np.where(known, values, 0.0), known))
     counted = count[1:] - count[first]
-    return np.divide(total[1:] - total[first], counted, out=np.full(values.size, np.nan), where=counted > 0)
+    mean: Floats = np.divide(total[1:] - total[first], counted, out=np.full(values.size, np.nan), where=counted > 0)
+    return mean
 
 
 def contradictions(sessions: Sequence[Session]) -> list[Row]:
@@ -274,7 +275,7 @@ def contradictions(sessions: Sequence[Session]) -> list[Row]:
         for case, recording in cases(session, sessions):
             for kind in ("gnss_still", "imu_still", "either"):
                 whole_s = recording.span.duration_s
-                detector = ZeroVelocity(contradiction=kind, window_s=whole_s, min_share=0.5, threshold_per_min=1.0)  # type: ignore[arg-type]
+                detector = ZeroVelocity(contradiction=kind, window_s=whole_s, min_share=0.5, threshold_per_min=1.0)
                 decisions = detect(detector, recording)
                 known = decisions.available.size > 0 and bool(decisions.available[-1])
                 per_min = float(decisions.score[-1]) if known else None
