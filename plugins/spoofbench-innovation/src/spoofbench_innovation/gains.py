@@ -31,7 +31,7 @@ class Gains:
 
 
 def recursion(initial: Floats, transition: Floats, process: Floats, noise: Floats) -> Gains:
-    """Run the Kalman filter's covariances over steps, with the updates in Joseph's form.
+    """Run the Kalman filter's covariances over steps, with the updates in Joseph's form, multiplied out for H = [I 0].
 
     Args:
         initial: P_0 before the first step, ``(15, 15)``.
@@ -39,22 +39,25 @@ def recursion(initial: Floats, transition: Floats, process: Floats, noise: Float
         process: ``(n, 15, 15)``.
         noise: variances of what is measured of ``r v`` at the end of a step, ``(n, 6)``; NaN where it is not.
     """
-    gain, innovation = np.zeros((len(noise), STATES, MEASURED)), np.tile(np.eye(MEASURED), (len(noise), 1, 1))
-    covariance, identity = initial, np.eye(STATES)
+    from scipy.linalg.lapack import dposv
+
     measured = ~np.isnan(noise)
+    kept, variance = measured[:, :, None].astype(np.float64), np.where(measured, noise, 0.0)
+    partly, some = (~measured.all(axis=1)).tolist(), measured.any(axis=1).tolist()
+    gain, innovation = np.zeros((len(noise), STATES, MEASURED)), np.where(measured, noise, 1.0)[:, None] * np.eye(MEASURED)
+    covariance = initial
     for k, (phi, added) in enumerate(zip(transition, process, strict=True)):
         covariance = phi @ covariance @ phi.T + added
-        rows = np.flatnonzero(measured[k])
-        if not rows.size:
+        if not some[k]:
             continue
-        spread = covariance[np.ix_(rows, rows)] + np.diag(noise[k, rows])
-        weights = np.linalg.solve(spread, covariance[rows]).T
-        kept = identity.copy()
-        kept[:, rows] -= weights
-        covariance = kept @ covariance @ kept.T + (weights * noise[k, rows]) @ weights.T
+        crossed = covariance[:MEASURED] * kept[k] if partly[k] else covariance[:MEASURED]
+        spread = innovation[k]
+        spread += crossed[:, :MEASURED] * kept[k].T if partly[k] else crossed[:, :MEASURED]
+        weights = dposv(spread, crossed)[1].T  # by Cholesky: S is symmetric and positive
+        half = covariance - weights @ crossed
+        covariance = half + (weights * variance[k] - half[:, :MEASURED]) @ weights.T
         covariance = (covariance + covariance.T) / 2
-        gain[k][:, rows] = weights
-        innovation[k][np.ix_(rows, rows)] = spread
+        gain[k] = weights
     return Gains(gain, innovation)
 
 
@@ -72,12 +75,12 @@ def block_matrices(transition: Floats, gain: Floats) -> Floats:
     result = np.zeros((blocks, MEASURED * BLOCK + STATES, width))
     state = np.tile(np.eye(STATES, width), (blocks, 1, 1))
     for step in range(BLOCK):
-        rows = slice(MEASURED * step, MEASURED * (step + 1))
-        predicted = phi[:, step] @ state
-        innovations = -predicted[:, :MEASURED]
-        innovations[:, :, STATES + rows.start : STATES + rows.stop] += np.eye(MEASURED)
-        state = predicted + weight[:, step] @ innovations
-        result[:, rows] = innovations
+        rows, past = slice(MEASURED * step, MEASURED * (step + 1)), STATES + MEASURED * step
+        state[:, :, :past] = phi[:, step] @ state[:, :, :past]
+        innovations = -state[:, :MEASURED, : past + MEASURED]
+        innovations[:, :, past:] = np.eye(MEASURED)
+        state[:, :, : past + MEASURED] += weight[:, step] @ innovations
+        result[:, rows, : past + MEASURED] = innovations
     result[:, -STATES:] = state
     return result
 
