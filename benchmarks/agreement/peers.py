@@ -117,6 +117,6 @@ def lines(path: Path) -> Mapping[str, int]:
             stream.seek(0)
             for line in stream:
                 fields = line.split(b",", 2)
-                if line[:1] not in b"#\r\n" and len(fields) > 1:
+                if line[:1].isalpha() and len(fields) > 1:
                     counts[b",".join(fields[: 2 if fields[0] == b"Fix" else 1]).decode("ascii", "replace")] += 1
     return counts
