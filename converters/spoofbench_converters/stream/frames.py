@@ -70,12 +70,18 @@ def ubx(octets: Octets) -> Candidates:
 
 
 def _fletcher_agrees(octets: Octets, starts: Places, ends: Places) -> NDArray[np.bool_]:
-    """Whether the two bytes at each end are the Fletcher checksum of ``[start, end)``, by sums that wrap around at 2**32."""
+    """Whether the two bytes at each end are the Fletcher checksum of ``[start, end)``: modulo 256, the sum of the bytes, and that of
+    the bytes times their distance from the end."""
     first = int(starts[0])
-    sums = np.zeros((2, int(ends.max()) - first + 1), np.uint32)
-    np.cumsum(octets[first : first + sums.shape[1] - 1].astype(np.uint32), out=sums[0, 1:])
+    here, before, after = octets[first : int(ends.max()) + 1], starts - first, ends - first
+    if int((ends - starts).sum()) <= 2 * here.size:
+        place = np.arange(here.size, dtype=np.uint32).astype(np.uint8)
+        a = _reduced(np.add, here, before, after)
+        b = after.astype(np.uint8) * a - _reduced(np.add, here * place, before, after)
+        return np.asarray((a == octets[ends]) & (b == octets[ends + 1]))
+    sums = np.zeros((2, here.size + 1), np.uint32)
+    np.cumsum(here.astype(np.uint32), out=sums[0, 1:])
     np.cumsum(sums[0, 1:], out=sums[1, 1:])
-    before, after = starts - first, ends - first
     a = sums[0, after] - sums[0, before]
     b = sums[1, after] - sums[1, before] - (after - before).astype(np.uint32) * sums[0, before]
     return np.asarray((a.astype(np.uint8) == octets[ends]) & (b.astype(np.uint8) == octets[ends + 1]))
@@ -205,8 +211,8 @@ def _printable(octets: Octets, starts: Places, ends: Places) -> NDArray[np.bool_
 
 
 def _reduced(ufunc: np.ufunc, octets: Octets, starts: Places, ends: Places) -> Octets:
-    """Reduce each stretch ``[start, end)``, none empty; the stretches do not overlap and end before the last byte."""
+    """Reduce each stretch ``[start, end)`` modulo 256, none empty; all end before the last byte."""
     if not starts.size:
         return np.zeros(0, np.uint8)
     pairs = np.stack([starts, ends], 1).reshape(-1)
-    return np.asarray(ufunc.reduceat(octets, pairs)[::2], np.uint8)
+    return np.asarray(ufunc.reduceat(octets, pairs, dtype=np.uint8)[::2])

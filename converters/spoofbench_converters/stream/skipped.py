@@ -111,8 +111,9 @@ def _content(octets: Octets, starts: Places, stops: Places) -> NDArray[np.int8]:
     """Return whether each stretch is blank, text or binary; they do not overlap and none is empty."""
     if not starts.size:
         return np.zeros(0, np.int8)
-    here = octets[starts[0] : stops[-1]]
+    lengths = stops - starts
+    begins = np.cumsum(lengths) - lengths
+    here = octets[np.arange(int(lengths.sum())) + np.repeat(starts - begins, lengths)]
     blank = (here == _LF) | (here == _CR) | (here == 0x20) | (here == 0x09)
     kinds = np.where(blank, np.uint8(BLANK), np.where(here - np.uint8(0x20) <= 0x7E - 0x20, np.uint8(TEXT), np.uint8(BINARY)))
-    pairs = np.stack([starts, stops], 1).reshape(-1)[:-1] - starts[0]
-    return np.asarray(np.maximum.reduceat(kinds, pairs)[::2], np.int8)
+    return np.asarray(np.maximum.reduceat(kinds, begins), np.int8)
