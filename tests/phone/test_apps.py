@@ -184,6 +184,13 @@ def test_one_provider_alone(tmp_path: Path, gnsslogger: Callable[..., bytes]) ->
     assert [topic for topic in found.recording if topic.endswith("pvt")] == ["/gnss0/gnss/pvt"]
 
 
+def test_an_accuracy_of_zero_is_none(tmp_path: Path, gnsslogger: Callable[..., bytes], drive: Result) -> None:
+    found = converted(saved(tmp_path, gnsslogger().replace(b",3.5,", b",0.0,")))
+    assert drive["/gnss0/gnss/pvt"].has("h_acc_m")
+    assert not found["/gnss0/gnss/pvt"].has("h_acc_m")
+    assert found["/gnss0/gnss/pvt"].has("v_acc_m", "speed_mps")
+
+
 def test_the_phones_clock_may_step(tmp_path: Path, gnsslogger: Callable[..., bytes], drive: Result) -> None:
     log = gnsslogger().splitlines(keepends=True)
     for number, line in enumerate(log):
@@ -307,6 +314,15 @@ def test_a_table_that_does_not_say_what_it_is(tmp_path: Path) -> None:
 
 
 # phyphox
+
+
+def test_the_file_that_names_the_phone_is_used(tmp_path: Path, phyphox: Callable[..., Path]) -> None:
+    with zipfile.ZipFile(phyphox()) as archive:
+        archive.extractall(tmp_path)
+    (tmp_path / "meta" / "device.csv").write_text('"property","value"\n"deviceModel","One"\n"deviceBrand","Acme"\n')
+    found = converted(tmp_path)
+    assert not found.reasons
+    assert found.facts["source/imu0"]["device"] == "Acme One"
 
 
 def test_a_pause_is_a_gap(phyphox: Callable[..., Path]) -> None:

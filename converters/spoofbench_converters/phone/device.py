@@ -23,3 +23,8 @@ OLDER = "a fix older than the log"
 def known(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the values with those below zero, by which phones say that they do not know, absent."""
     return np.where(values < 0, np.nan, values)
+
+
+def accuracy(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return accuracies with those not above zero absent: Android gives 0 where it has none (``Location.getAccuracy``), iOS less."""
+    return np.where(values > 0, values, np.nan)

@@ -17,7 +17,7 @@ from spoofbench.converting import Columns, Facts, Item
 from spoofbench.converting.ordering import take
 from spoofbench.errors import ConversionError
 from spoofbench_converters.phone import device
-from spoofbench_converters.phone.device import NO_TIME, known
+from spoofbench_converters.phone.device import NO_TIME, accuracy, known
 from spoofbench_converters.phone.options import Options
 from spoofbench_converters.phone.parts import Form, Part, records, sheets, text_parts, told
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
@@ -62,7 +62,7 @@ _QUANTITIES = (
     _quantity(r"horizontal accuracy \((m|°)\)", "gnss", "h_acc_m"),
     _quantity(r"vertical accuracy \((m|°)\)", "gnss", "v_acc_m"),
 )
-_NOT_NEGATIVE = frozenset({"speed_mps", "course_deg", "h_acc_m", "v_acc_m"})
+_MEANT = {"speed_mps": known, "course_deg": known, "h_acc_m": accuracy, "v_acc_m": accuracy}
 _FAMILIES: Mapping[str, tuple[str, Sequence[str]]] = {
     "imu": ("imu", device.IMU),
     "mag": ("mag", device.MAG),
@@ -130,7 +130,8 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     clock = _clock(times, options)
     session = {"session_id": options.session} if options.session else {}
     yield Facts({"recording": {"clock": "sensor", "clock_basis": clock.basis, **clock.about, **session}})
-    about = _device(parts)
+    properties = next((part for part in text_parts(parts) if {"property", "value"} == set(Form.of(part.head).names)), None)
+    about = _device(properties)
     for family, (kind, fields) in _FAMILIES.items():
         mine = {table.part.name: table for table in understood if table.family == family}
         if mine:
@@ -139,7 +140,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
             topic = " ".join(table.part.stem for table in mine.values() if table.part.name)
             yield Facts({f"source/{family}0": {"app": "phyphox", "topic": topic, **about, **_ABOUT.get(family, {})}})
     for part in parts:
-        if part is times:
+        if part in (times, properties):
             yield from told(part)
         elif all(part is not table.part for table in understood):
             yield part.passed_over()
@@ -199,8 +200,7 @@ def _date_ns(date: str) -> int:
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
-def _device(parts: Sequence[Part]) -> dict[str, str]:
-    part = next((part for part in text_parts(parts) if {"property", "value"} == set(Form.of(part.head).names)), None)
+def _device(part: Part | None) -> dict[str, str]:
     properties = {row["property"]: row["value"] for row in records(part)} if part else {}
     name = " ".join(filter(None, (properties.get(key, "") for key in ("deviceBrand", "deviceModel"))))
     return {"device": name} if name else {}
@@ -215,7 +215,8 @@ def _rows(table: Table, clock: Clock) -> Iterator[Columns | Item]:
         columns: Columns = {"time_ns": clock.times(experiment), **sheet.account()}
         for name, quantity in table.quantities.items():
             values = sheet.floats(name) * quantity.factor
-            columns[quantity.field] = known(values) if quantity.field in _NOT_NEGATIVE else values
+            meant = _MEANT.get(quantity.field)
+            columns[quantity.field] = meant(values) if meant else values
         if table.family == "imu":
             columns["interval_s"] = np.zeros(len(sheet))
         yield from rejects(columns, sheet.bad, NOT_A_NUMBER)

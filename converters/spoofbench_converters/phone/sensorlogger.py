@@ -14,7 +14,19 @@ import numpy as np
 from spoofbench.converting import Columns, Facts, Item
 from spoofbench.converting.ordering import take
 from spoofbench.errors import ConversionError
-from spoofbench_converters.phone.device import AXES, BODY, DEVICE_AXES, IMU, MAG, NO_TIME, OLDER, PVT, STANDARD_GRAVITY_MPS2, known
+from spoofbench_converters.phone.device import (
+    AXES,
+    BODY,
+    DEVICE_AXES,
+    IMU,
+    MAG,
+    NO_TIME,
+    OLDER,
+    PVT,
+    STANDARD_GRAVITY_MPS2,
+    accuracy,
+    known,
+)
 from spoofbench_converters.phone.options import Options
 from spoofbench_converters.phone.parts import Form, Part, records, sheets, told
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
@@ -64,9 +76,9 @@ def _location(sheet: Sheet, phone: Phone) -> Columns:
         "height_msl_m": sheet.floats("altitudeAboveMeanSeaLevel"),
         "speed_mps": known(sheet.floats("speed")),
         "course_deg": known(sheet.floats("bearing")),
-        "h_acc_m": known(sheet.floats("horizontalAccuracy")),
-        "v_acc_m": known(sheet.floats("verticalAccuracy")),
-        "s_acc_mps": known(sheet.floats("speedAccuracy")),
+        "h_acc_m": accuracy(sheet.floats("horizontalAccuracy")),
+        "v_acc_m": accuracy(sheet.floats("verticalAccuracy")),
+        "s_acc_mps": accuracy(sheet.floats("speedAccuracy")),
     }
 
 
