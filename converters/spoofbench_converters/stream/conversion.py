@@ -60,10 +60,7 @@ class Conversion:
         for topic in self._topics.values():
             yield from topic.finish()
         if not self._topics and self._axis.dateless:
-            raise ConversionError(
-                f"the times in {name!r} have no date: say with --date YYYY-MM-DD which day the first one is of; "
-                "its recording then starts with that day"
-            )
+            raise ConversionError(f"the times in {name!r} have no date; say with --date YYYY-MM-DD which day the first one is of")
         yield Facts(self._facts())
 
     def _take(self, piece: Piece) -> Iterator[Item]:
@@ -103,6 +100,7 @@ class Conversion:
                 topic = self._topic(number, rows)
                 if topic:
                     yield from topic.push(rows, timed)
+            # one account for all topics, which share the bytes of an epoch
             yield Block("/gnss0/gnss/pvt", Table("gnss/pvt", np.zeros(0, np.int64), {}), used)
         undecided = [course.waiting[0].offset[0] for course in self._courses if course.waiting]
         self._ground.forget(int(min(undecided, default=limit)))
