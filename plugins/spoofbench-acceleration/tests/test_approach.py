@@ -44,6 +44,16 @@ def test_only_approach_4_loses_an_epoch(flown: dict[int, a.Flights]) -> None:
         assert gone.tolist() == ([440, 441, 442] if number == 4 else [])
 
 
+def test_the_receiver_is_late_by_half_its_second_difference(flown: dict[int, a.Flights]) -> None:
+    """By 0.1 s, against 0.05 s on average since the last sample of the phone: the best fit lies between."""
+    flights = flown[3]
+    phone, gnss = (values[flights.start :] for values in (flights.phone_mps2, flights.gnss_mps2))
+    shifts = np.array([-5, -3, -1, 1, 3, 5])
+    misfit = [((phone[5:-5] - gnss[5 + shift : len(gnss) - 5 + shift]) ** 2).mean() for shift in shifts]
+    square, linear, _ = np.polyfit(shifts / a.RATE_HZ, misfit, 2)
+    assert 0 < -linear / (2 * square) < 0.1
+
+
 def test_gating_takes_the_outlier_out(flown: dict[int, a.Flights]) -> None:
     """The outlier is 2 (3.7 m/s) / (0.1 s) of raw acceleration, a share of 2/51 of which is averaged in."""
     flights = flown[4]

@@ -3,14 +3,18 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.stats import chi2
 from spoofbench_acceleration import lo2017, lo_cells, lo_checks, lo_real
 from spoofbench_acceleration.approach import APPROACHES, fly
 from spoofbench_acceleration.lo_printed import CASES
 from spoofbench_acceleration.lo_tables import MONITORS, STRIDES, convention, outcomes
 
+from spoofbench.recording import Recording, Table
 from spoofbench.reproducing import Reproduced, write_pages
 
 SEEDS = range(60)
@@ -92,6 +96,16 @@ def test_the_multi_condition_monitor_alerts_wherever_the_simple_one_does(found: 
 @pytest.mark.parametrize("x", [0.5, 7.0, 30.0, 55.87])
 def test_chi_square_of_seven_degrees(x: float) -> None:
     assert lo_cells.chi2_7_above(x) == pytest.approx(chi2.sf(x, 7), rel=1e-9)
+
+
+@given(st.lists(st.tuples(st.floats(0, 60), st.floats(0, 360)), min_size=1, max_size=5))
+def test_velocity_has_the_speed_and_course_of_the_log(rows: list[tuple[float, float]]) -> None:
+    speed, course = np.array(rows).T
+    pvt = Table("gnss/pvt", np.arange(len(rows)), {"speed_mps": speed, "course_deg": course})
+    with_velocity = lo_real.with_velocity(Recording({"/gnss0/gnss/pvt": pvt})).primary("gnss/pvt")
+    north, east = with_velocity["vel_n_mps"], with_velocity["vel_e_mps"]
+    np.testing.assert_allclose(np.hypot(north, east), speed, atol=1e-4)
+    np.testing.assert_allclose(speed * np.sin(np.radians(course) - np.arctan2(east, north)), 0, atol=1e-3)
 
 
 @pytest.mark.drive

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spoofbench_acceleration.statistics import Averaging, Floats, weights
 
@@ -166,7 +167,7 @@ def _averaged_share(gust_s: float) -> float:
     return float(np.sqrt((1 - keep) / (1 + keep) * (1 + keep * decay) / (1 - keep * decay)))
 
 
-def _receiver(gust: Floats, noise: Floats | None, dropout_s: float | None) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+def _receiver(gust: Floats, noise: Floats | None, dropout_s: float | None) -> tuple[Floats, NDArray[np.bool_]]:
     """Second difference of noisy positions, and the rows that rest on a lost epoch, whose position repeats the one before."""
     step_s = 1 / _FINE_HZ
     velocity = np.cumsum(gust, axis=0) * step_s - _DESCENT_MPS

@@ -5,11 +5,9 @@ from typing import Any
 
 from spoofbench.reproducing import Cell
 from spoofbench_acceleration.approach import APPROACHES, Choices, fly
-from spoofbench_acceleration.lo_cells import JUDGED, by_key
+from spoofbench_acceleration.lo_cells import JUDGED, JUDGED_STRIDE, by_key
 from spoofbench_acceleration.lo_checks import WANTED_POINTS, mean_absolute_difference, simulated_checks
 from spoofbench_acceleration.lo_tables import outcomes
-
-_JUDGED_STRIDE = 3
 
 VARIED = {
     "as chosen": Choices(),
@@ -31,7 +29,7 @@ def sensitivity(names: Sequence[str], seeds: Sequence[int], done: Callable[[floa
         found = by_key([
             outcome
             for approach in APPROACHES
-            for outcome in outcomes(approach, fly(approach, seeds, choices), (_JUDGED_STRIDE,), choices.smoothing_s)
+            for outcome in outcomes(approach, fly(approach, seeds, choices), (JUDGED_STRIDE,), choices.smoothing_s)
         ])  # fmt: skip
         repeat = [found["repeat 0.5 s", approach.number, "multi", JUDGED].median_pct for approach in APPROACHES]
         rows.append({

@@ -9,13 +9,12 @@ import numpy as np
 from spoofbench.reproducing import Picture, new_figure, save_figure
 from spoofbench_acceleration.approach import PHONE_HZ, RATE_HZ, Flights, stand_still
 from spoofbench_acceleration.ensemble import Flags, Spoofer, flags, spoofed
-from spoofbench_acceleration.lo_cells import JUDGED, LITERAL, Found
+from spoofbench_acceleration.lo_cells import JUDGED, JUDGED_STRIDE, LITERAL, Found
 from spoofbench_acceleration.lo_printed import CASES
 from spoofbench_acceleration.lo_tables import MONITORS, autocorrelation, crosscorrelation
 from spoofbench_acceleration.statistics import Floats
 
 PHONE, GNSS, SPOOFER = "#3b6fb6", "#c8442e", "#222222"
-_STRIDE = 3
 _SHOWN_RUN = 0
 _EXAMPLES: tuple[tuple[str, int, Spoofer, float], ...] = (("fig15-18", 1, "repeat", 2.0), ("fig19-22", 2, "extrapolate & smooth", 0.5))
 
@@ -122,7 +121,7 @@ def _detection(path: Path, flight: Flights, spoofer: Spoofer, delay_s: float) ->
         (("nominal", flight.gnss_mps2), (f"{spoofer}, {delay_s:g} s", spoofed(flight.gnss_mps2, spoofer, delay_s)))
     ):
         difference = flight.phone_mps2 - shown
-        flagged = flags(difference[:, _SHOWN_RUN : _SHOWN_RUN + 1], flight.start, _STRIDE)
+        flagged = flags(difference[:, _SHOWN_RUN : _SHOWN_RUN + 1], flight.start, JUDGED_STRIDE)
         top, second, third, bottom = axes[:, column]
         top.plot(time_s, _run(flight.phone_mps2, flight), color=PHONE, lw=0.8, label="accelerometer")
         top.plot(time_s, _run(flight.gnss_mps2, flight), color=GNSS, lw=0.8, label="GNSS")

@@ -16,7 +16,7 @@ from spoofbench.demo import drive_bag
 from spoofbench.detecting import detect
 from spoofbench.errors import NotApplicable, SpoofbenchError
 from spoofbench.recording import Interval, Recording
-from spoofbench.reproducing import Cell
+from spoofbench.reproducing import Cell, shown
 from spoofbench_acceleration.monitor import AccelerationMonitor
 from spoofbench_acceleration.statistics import exponential_average
 
@@ -109,11 +109,12 @@ def cells(table: Sequence[Mapping[str, Any]]) -> Iterator[Cell]:
         for row in table:
             if (row["recording"], row["monitor"]) == (recording, name):
                 ours = row["correlation" if recording == "drive" else "correlation_averaged"]
+                clean, repeated, replayed = (shown(row[key]) for key in ("false_alert_pct", "repeat_back_2s_pct", "replay_pct"))
                 yield Cell(
                     f"{item}: correlation ({recording})", None, ours, None, None,
                     "trend only" if low <= ours <= high else "not reproduced",
-                    f"{bound} is wanted; alerts in {row['false_alert_pct']:.1f} % of the clean epochs, {row['repeat_back_2s_pct']:.0f} % "
-                    f"under repeat-back by 2 s, {row['replay_pct']:.0f} % under replay by {row['replay_s']:g} s",
+                    f"{bound} is wanted; alerts in {clean} % of the clean epochs, {repeated} % under repeat-back by 2 s, "
+                    f"{replayed} % under replay by {row['replay_s']:g} s",
                 )  # fmt: skip
 
 
@@ -128,7 +129,7 @@ def _flight(file: Path, folder: Path) -> Log:
     """The part of a flight between its first and last epoch faster than a model aircraft taxies."""
     converted = folder / f"{file.name}.mcap"
     convert(file, converted)
-    recording = _with_velocity(read(converted))
+    recording = with_velocity(read(converted))
     pvt = recording.primary("gnss/pvt")
     flying = pvt.time_ns[np.hypot(pvt["vel_n_mps"], pvt["vel_e_mps"]) > _FLYING_MPS]
     monitors = {"vertical": _AIRCRAFT, "vertical, roll": replace(_AIRCRAFT, roll=True)}
@@ -136,7 +137,7 @@ def _flight(file: Path, folder: Path) -> Log:
     return Log(name, recording.between(int(flying[0]), int(flying[-1])), monitors, 60.0, 30.0)
 
 
-def _with_velocity(recording: Recording) -> Recording:
+def with_velocity(recording: Recording) -> Recording:
     """North and east velocity from speed and course where the log has only these."""
     topic, pvt = recording.topics("gnss/pvt")[0], recording.primary("gnss/pvt")
     if np.isfinite(pvt["vel_n_mps"]).any():
@@ -145,8 +146,8 @@ def _with_velocity(recording: Recording) -> Recording:
     return recording.replace({topic: pvt.replace(vel_n_mps=speed * np.cos(course), vel_e_mps=speed * np.sin(course))})
 
 
-def _detected(log: Log, monitor: AccelerationMonitor, name: str, attack: Attack) -> float:
-    """Alerted share of the attacked epochs of windows drawn by seed, percent; NaN where the attack fits nowhere."""
+def _detected(log: Log, monitor: AccelerationMonitor, name: str, attack: Attack) -> float | None:
+    """Alerted share of the attacked epochs of windows drawn by seed, percent; None where the attack fits nowhere."""
     alerted, attacked = 0, 0
     for seed in range(_WINDOWS):
         try:
@@ -158,4 +159,4 @@ def _detected(log: Log, monitor: AccelerationMonitor, name: str, attack: Attack)
         decisions = detect(monitor, variant)
         inside = Interval(int(truth["start_ns"][0]), int(truth["end_ns"][0])).covers(decisions.time_ns)
         alerted, attacked = alerted + int(decisions.alert[inside].sum()), attacked + int(inside.sum())
-    return 100 * alerted / attacked if attacked else float("nan")
+    return 100 * alerted / attacked if attacked else None
