@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 HERE = Path(__file__).parent
-NO_LOGS = (".chk", ".md", ".msg", ".tag")
+NO_LOGS = (".chk", ".md", ".msg", ".tag", "")
 
 
 @dataclass(frozen=True, slots=True)

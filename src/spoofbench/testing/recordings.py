@@ -133,6 +133,7 @@ def _receiver(rng: np.random.Generator, source: str, motion: Motion, time_s: Flo
         "gnss/rf": Table("gnss/rf", time_ns, {"band": ["L1"] * n, "agc": rng.normal(0.5, 0.01, n), "noise": rng.normal(90, 2, n)}),
         "gnss/navdata": Table("gnss/navdata", time_ns[::6], {"svid": np.ones(n, int)[::6], "subframe": [bytes(40)] * len(time_ns[::6])}),
         "gnss/integrity": Table("gnss/integrity", time_ns, {"spoofing": np.ones(n, int), "jamming": np.ones(n, int)}),
+        "gnss/timemark": Table("gnss/timemark", time_ns[::10], {"channel": np.zeros(n, int)[::10], "rising_tow_s": pvt["tow_s"][::10]}),
         "ins/pva": _pva("ins/pva", motion, np.clip(np.round(time_s * 100).astype(int), 0, motion.time_s.size - 1)),
     }
     return {f"/{source}/{kind}": table for kind, table in tables.items()}
