@@ -22,10 +22,13 @@ Metadata = Mapping[str, Mapping[str, str]]
 
 recording       ``schema_version``; ``session_id``: recordings of one session share it; ``clock``: what ``time_ns`` is told by:
                 ``sensor`` (the devices, when they measured), ``recorder`` (the host, when it received) or ``gnss`` (there was no
-                clock: the first valid claimed time and nominal intervals)
+                clock: the first valid claimed time and nominal intervals); ``clock_steps`` as JSON and ``clock_step_count``:
+                where the log's clock stepped and the axis did not follow; ``reference_date`` and ``week_rollover`` as the user
+                gave them; ``leap_seconds`` as the log told them; ``times_without_zone``: stamps that were not used
 primary         by kind, the source that a detector gets when it asks for that kind
 source/<name>   ``topic``: where the log had it; ``device``; ``axes``: where x, y and z of a sensor point, such as ``frd``;
-                ``interval_s`` of an IMU's averages; ``antenna_position_m``; ``solution``: ``gnss``, or ``fused`` with inertial
+                ``interval_s`` of an IMU's averages; ``antenna_position_m``; ``time_basis``, ``counter_offset_s`` and
+                ``counter_spread_s`` of a sensor's own counter laid on the axis; ``header_offset_s`` of a message's stamp; ``solution``: ``gnss``, or ``fused`` with inertial
                 sensors; ``<key>_basis``: how the converter knows. That of the reference is ``source/reference``
 origin          ``file``, ``size``, ``sha256`` of the log; ``converter``, its ``converter_version`` and ``converter_distribution``,
                 ``options`` as JSON
