@@ -115,6 +115,23 @@ def test_scaled_numbers_are_exact(texts: list[str], places: int) -> None:
                 assert value == int(abs(exact).quantize(Decimal(1), ROUND_HALF_UP).copy_sign(exact))
 
 
+@settings(max_examples=150, deadline=None)
+@given(texts=st.lists(st.text("0123456789.-+,x\0 \xff", max_size=6), min_size=1, max_size=8), places=st.integers(0, 3))
+def test_what_is_no_number_is_told(texts: list[str], places: int) -> None:
+    numbers, scaled = parsing.floats(column(texts)), parsing.scaled(column(texts), places)
+    assert scaled.bad.tolist() == numbers.bad.tolist()
+    assert scaled.present.tolist() == (~np.isnan(numbers.values)).tolist()
+    np.testing.assert_allclose(scaled.values[scaled.present], numbers.values[scaled.present] * 10**places, rtol=0, atol=0.500001)
+
+
+def test_the_largest_numbers() -> None:
+    texts = [str(2**63 - 2**10 - 1), str(2**63), "9" * 19, "9" * 20, "-" + "9" * 18, "0" * 30 + "7"]
+    values, present, bad = parsing.scaled(column(texts))
+    assert present.tolist() == [True, False, False, False, True, True]
+    assert bad.tolist() == [not there for there in present.tolist()]
+    assert values[present].tolist() == [2**63 - 2**10 - 1, -(10**18 - 1), 7]
+
+
 def test_a_number_of_nanoseconds_is_read_to_its_last_digit() -> None:
     assert parsing.scaled(column(["1764585664362463217"])).values.tolist() == [1_764_585_664_362_463_217]
     assert parsing.scaled(column(["1764585664.362463217"]), 9).values.tolist() == [1_764_585_664_362_463_217]

@@ -19,6 +19,7 @@ from spoofbench_converters.phone.parts import Part
 from spoofbench_converters.phone.sheets import Sheet
 
 SURVEY_BYTES = 2**24
+ENOUGH_PAIRS = 30
 
 TYPES = (
     "Raw",
@@ -120,7 +121,7 @@ def likeness(head: bytes) -> float:
 
 
 def survey(part: Part) -> tuple[Form, Axis]:
-    """Read the first 16 MiB, or as far as the same header goes, for what the log's columns and time axis are."""
+    """Read what a log's columns and time axis are: of its first 16 MiB, as far as the header and the clocks need it."""
     form = Form()
     counts: dict[str, dict[int, int]] = {}
     pairs: dict[str, list[Pairs]] = {"sensors": [], "fixes": [], "raw": []}
@@ -132,7 +133,8 @@ def survey(part: Part) -> tuple[Form, Axis]:
                 break
             same = _of_one_header(lines, form, bool(counts))
             _survey_lines(same, form, counts, pairs)
-            if same.starts.size < lines.starts.size:
+            known = all(parts and parts[0][0].size >= ENOUGH_PAIRS for parts in (pairs["sensors"], pairs["fixes"]))
+            if known or same.starts.size < lines.starts.size:
                 break
     for kind, widths in counts.items():
         if kind in form.names and kind != "Nav":

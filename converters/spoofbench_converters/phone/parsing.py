@@ -57,24 +57,30 @@ def scaled(cells: Cells, decimals: int = 0, decimal_comma: bool = False) -> Inte
 
     Seconds with 9 decimals, or milliseconds with 6, are nanoseconds.
     """
-    lengths = np.minimum(cells.ends - cells.starts, LONGEST_NUMBER + 1)
-    width = int(lengths.max(initial=0))
-    plain = _Plain(lengths.size, decimals)
-    point = b"," if decimal_comma else b"."
-    for place in range(width):
-        within = place < lengths
-        octet = cells.octets[np.where(within, cells.starts + place, 0)] if cells.octets.size else np.zeros(lengths.size, np.uint8)
-        plain.take(np.where(within, octet, 0), place, point[0])
+    lengths = cells.ends - cells.starts
+    plain = _Plain(lengths.size, decimals, ord("," if decimal_comma else "."))
+    for place in range(min(int(lengths.max(initial=0)), LONGEST_NUMBER)):
+        plain.take(cells.octets.take(cells.starts + place, mode="clip"), place, place < lengths)
+    values, present = plain.values()
+    present &= lengths <= LONGEST_NUMBER
+    values[~present], bad = 0, np.zeros(lengths.size, bool)
+    other = np.flatnonzero(~present & (lengths > 0))
+    if other.size:
+        values[other], present[other], bad[other] = _scaled_otherwise(cells.take(other), decimals, decimal_comma)
+    return Integers(values, present, bad)
+
+
+def _scaled_otherwise(cells: Cells, decimals: int, decimal_comma: bool) -> Integers:
+    """Read cells of any form as :func:`scaled` does."""
     approximate = floats(cells, decimal_comma)
     with np.errstate(over="ignore"):
         scaled_floats = approximate.values * 10.0**decimals
     present = ~np.isnan(approximate.values)
     fits = present & (np.abs(scaled_floats) < 2.0**63 - 2.0**10)
-    values = np.where(plain.ok & fits, plain.values(), 0)
-    other = np.flatnonzero(fits & ~plain.ok)
-    small = other[np.abs(scaled_floats[other]) < _EXACT / 64]
+    values = np.zeros(present.size, np.int64)
+    small = fits & (np.abs(scaled_floats) < _EXACT / 64)
     values[small] = np.floor(scaled_floats[small] + 0.5).astype(np.int64)
-    for row in np.setdiff1d(other, small).tolist():
+    for row in np.flatnonzero(fits & ~small).tolist():
         text = cells.octets[cells.starts[row] : cells.ends[row]].tobytes().decode("ascii", "replace")
         values[row] = int(Decimal(text.replace(",", ".")).scaleb(decimals).to_integral_value("ROUND_HALF_UP"))
     return Integers(values, fits, approximate.bad | (present & ~fits))
@@ -83,44 +89,49 @@ def scaled(cells: Cells, decimals: int = 0, decimal_comma: bool = False) -> Inte
 class _Plain:
     """Digits of n numbers without an exponent, taken one place at a time."""
 
-    def __init__(self, rows: int, decimals: int) -> None:
-        self._decimals = decimals
+    def __init__(self, rows: int, decimals: int, point: int) -> None:
+        self._decimals, self._point = decimals, point
         self._value = np.zeros(rows, np.uint64)
-        self._digits = np.zeros(rows, np.int64)
+        self._digits = np.zeros(rows, np.int64)  # that count, after leading zeros
         self._fraction = np.full(rows, -1, np.int64)  # digits after the point; -1 before it
+        self._pointed = False  # whether any has a point
         self._negative = np.zeros(rows, bool)
         self._up = np.zeros(rows, bool)
+        self._numeral = np.zeros(rows, bool)
         self._broken = np.zeros(rows, bool)
 
-    def take(self, octet: NDArray[np.uint8], place: int, point: int) -> None:
-        """Take the octets at one place of all numbers, 0 past their ends."""
+    def take(self, octet: NDArray[np.uint8], place: int, within: NDArray[np.bool_]) -> None:
+        """Take the octets at one place of all numbers; ``within``: which of them are so long."""
         digit = octet - np.uint8(48)
-        is_digit = digit < 10
-        counted = is_digit & (self._fraction < self._decimals)
+        is_digit = counted = within & (digit < 10)
+        if self._pointed:
+            counted = is_digit & (self._fraction < self._decimals)
+            self._up |= is_digit & (self._fraction == self._decimals) & (digit >= 5)
+            self._fraction += is_digit & (self._fraction >= 0)
         self._value = np.where(counted, self._value * np.uint64(10) + digit, self._value)
-        self._digits += counted & ((self._value > 0) | (digit > 0))
-        self._up |= is_digit & (self._fraction == self._decimals) & (digit >= 5)
-        after = self._fraction >= 0
-        is_point = (octet == point) & ~after
-        self._fraction += is_digit & after
+        self._digits += counted & (self._value > 0)
+        self._numeral |= is_digit
+        other = within & ~is_digit
+        if other.any():
+            self._mark(octet, place, other)
+
+    def _mark(self, octet: NDArray[np.uint8], place: int, other: NDArray[np.bool_]) -> None:
+        """Take points and signs; whatever else is no plain number."""
+        is_point = other & (octet == self._point) & (self._fraction < 0)
         self._fraction[is_point] = 0
-        is_sign = ((octet == ord("-")) | (octet == ord("+"))) & (place == 0)
+        self._pointed |= bool(is_point.any())
+        is_sign = other & ((octet == ord("-")) | (octet == ord("+"))) & (place == 0)
         self._negative |= is_sign & (octet == ord("-"))
-        self._broken |= ~(is_digit | is_point | is_sign | (octet == 0))
+        self._broken |= other & ~is_point & ~is_sign
 
-    @property
-    def ok(self) -> NDArray[np.bool_]:
-        """Which were read to their end and fit."""
-        return np.asarray(~self._broken & (self._digits + self._missing() <= 19))
-
-    def values(self) -> NDArray[np.int64]:
-        """The numbers; those that are not :attr:`ok` mean nothing."""
-        value = self._value * np.uint64(10) ** np.minimum(self._missing(), 19).astype(np.uint64) + self._up
+    def values(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the numbers, and which were read to their end and fit; the others mean nothing."""
+        missing = self._decimals - np.clip(self._fraction, 0, self._decimals)
+        ok = self._numeral & ~self._broken & (self._digits + missing <= 19)
+        value = self._value * np.uint64(10) ** np.where(ok, missing, 0).astype(np.uint64) + self._up
+        ok &= value < 2**63 - 2**10
         signed = value.astype(np.int64)
-        return np.where(self._negative, -signed, signed)
-
-    def _missing(self) -> NDArray[np.int64]:
-        return self._decimals - np.clip(self._fraction, 0, self._decimals)
+        return np.where(self._negative, -signed, signed), ok
 
 
 def words(cells: Cells, longest: int = 32) -> NDArray[np.bytes_]:
