@@ -1,7 +1,7 @@
 """One session of standard messages, written by rosbags in every kind of bag."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,12 @@ def drive(seconds: int = 30, header_off_ns: Mapping[str, int] | None = None, see
         add("/gps/fix", FIX, START_NS + i * SECOND_NS, {**place, **covariance})
         add("/gps/vel", TWIST, START_NS + i * SECOND_NS, vector("twist.linear", rng.normal(size=3)))
     return sorted(messages, key=lambda message: message.stamp_ns)
+
+
+def moved(message: Message, by_ns: int) -> Message:
+    """Return a message as of another time of the host's clock, which stamps its header too."""
+    own_ns = message.values["header.stamp.sec"] * SECOND_NS + message.values["header.stamp.nanosec"] + by_ns
+    return replace(message, stamp_ns=message.stamp_ns + by_ns, values={**message.values, **time("header.stamp", own_ns)})
 
 
 def build(store: Typestore, kind: str, values: Mapping[str, Any], prefix: str = "") -> Any:

@@ -1,5 +1,6 @@
 """All sources of a recording are on one clock, whatever clocks their headers bear, and the metadata say how."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spoofbench_converters.rosbag.clocks import AGREE_NS, DAY_NS, Meter, decide
+from spoofbench_converters.rosbag.slabs import Payloads
+from spoofbench_converters.rosbag.steps import Steps
 
 Convert = Callable[..., Any]
 
@@ -97,3 +100,44 @@ def test_offset_spread_and_drift_are_measured() -> None:
         assert about["header_offset_s"] == pytest.approx(0.27, abs=2e-3)
         assert about["header_offset_spread_s"] == pytest.approx(np.ptp(np.percentile(off_s, (5, 95))), rel=0.02)
         assert about["header_drift_ppm"] == pytest.approx(20, abs=1)
+
+
+def test_a_host_clock_that_jumps_back(sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
+    """Appended on request, the bag gives what it would have given had the clock gone on; else the jump is noted."""
+    session = sessions.drive(20)
+    middle, back_ns = 700, 5 * SECOND_NS
+    stepped = session[:middle] + [sessions.moved(message, -back_ns) for message in session[middle:]]
+    for writer in ("sqlite", "mcap", "ros1"):
+        path = sessions.WRITERS[writer](tmp_path / writer, stepped)
+        left, appended = convert_bag(path), convert_bag(path, append_clock=True)
+        plain = convert_bag(sessions.WRITERS[writer](tmp_path / f"{writer}-plain", session))
+        noted = {name: appended.recording.metadata["recording"][name] for name in ("clock_steps", "clock_step_count")}
+        assert noted.items() <= left.recording.metadata["recording"].items()
+        assert json.loads(noted["clock_steps"])[0]["record"] == middle
+        assert (left.skipped > 0, appended.skipped) == (True, 0)
+        for topic in plain.recording:
+            times, expected = appended.recording[topic].time_ns, plain.recording[topic].time_ns
+            assert len(times) == len(expected)
+            assert np.ptp(times - expected) <= 20_000_000  # what the interval at the jump is not known by
+            assert np.abs(times - expected).max() <= 20_000_000
+
+
+def test_jumps_do_not_depend_on_pieces() -> None:
+    rng = np.random.default_rng(4)
+    stamps = START_NS + np.cumsum(rng.choice([10**7, 2 * 10**7, -3 * SECOND_NS, 5 * SECOND_NS], 400, p=[0.5, 0.48, 0.01, 0.01]))
+    stamps[50] += 100 * SECOND_NS  # a lone leap is no jump
+    numbers, records = rng.integers(0, 3, 400), np.arange(400)
+
+    def joined(cuts: list[int]) -> tuple[list[int], dict[str, str]]:
+        steps, told = Steps(append=True), np.zeros(400, np.int64)
+        for part in np.split(records, cuts):
+            empty = np.empty(0, np.int64)
+            wanted = {n: Payloads(empty, empty, empty, part[numbers[part] == n], stamps[part[numbers[part] == n]]) for n in range(3)}
+            for payloads in steps.take(wanted).values():
+                told[payloads.records] = payloads.stamps_ns
+        return told.tolist(), steps.about()
+
+    whole = joined([])
+    assert (np.delete(np.diff(np.delete(whole[0], 50)), 49) >= -SECOND_NS).all()
+    assert joined([7, 49, 50, 51, 52, 200, 201]) == joined(list(range(1, 400))) == whole
+    assert int(whole[1]["clock_step_count"]) == (np.diff(np.delete(stamps, 50)) < -SECOND_NS).sum()

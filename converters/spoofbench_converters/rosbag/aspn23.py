@@ -101,6 +101,7 @@ class Aspn23:
         pieces = []
         for group in groups:
             columns, refusals = self._columns(topic, group.rows)
+            columns["time_ns"] = payloads.appended(columns["time_ns"], group.index)
             columns |= {"record": payloads.records[group.index], "receive_time_ns": payloads.stamps_ns[group.index]}
             if self._options.time == "recorder":
                 columns["time_ns"] = columns["receive_time_ns"]

@@ -15,6 +15,7 @@ from spoofbench_converters.rosbag.planning import plan
 from spoofbench_converters.rosbag.sensors import Sensors
 from spoofbench_converters.rosbag.serial import SENTENCE, TYPES, open_serial
 from spoofbench_converters.rosbag.slabs import Payloads, Slab, Topic
+from spoofbench_converters.rosbag.steps import Steps
 
 
 class Conversion:
@@ -31,6 +32,7 @@ class Conversion:
         self._decoders: dict[int, Decoder] = {}
         self._declined: dict[int, str] = {}
         self._unknown: dict[int, tuple[int, int]] = {}
+        self._steps = Steps(options.append_clock)
         readable = [topic for topic in topics if topic.encoding in ENCODINGS]
         given = {} if options.definitions is None else definitions.read_folder(Path(options.definitions), [topic.type for topic in topics])
         types = {topic.number: _types_of(topic, given) for topic in readable}
@@ -62,7 +64,7 @@ class Conversion:
     def take(self, slab: Slab) -> Iterator[Item]:
         """Yield what a slab's messages say."""
         yield from slab.rejects
-        for number, payloads in sorted(slab.wanted.items()):
+        for number, payloads in sorted(self._steps.take(slab.wanted).items()):
             yield from self._messages(self._topics[number], payloads)
         for session in dict.fromkeys(self._sessions.values()):
             yield from session.settle()
@@ -75,6 +77,8 @@ class Conversion:
         yield Facts({"recording": {"clock": "recorder"}})  # unless a session knows better
         for session in dict.fromkeys(self._sessions.values()):
             yield from session.finish()
+        if steps := self._steps.about():
+            yield Facts({"recording": steps})
         for number, (count, first) in sorted(self._unknown.items()):
             yield Reject(first, count, self._why_not(number))
 

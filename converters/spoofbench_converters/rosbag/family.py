@@ -31,6 +31,7 @@ class Options:
         attitude: frames of a quaternion: ``ned-frd`` as ASPN-23 declares it, ``enu-rfu``, or ``auto``,
             which is ``enu-rfu`` for devices known to send that.
         imu_interval_s: over which integrated inertial rows are integrated; else found from their times.
+        append_clock: where the recorder's clock jumps back, messages go on at the interval before, instead of being skipped.
         date: day (YYYY-MM-DD) of NMEA sentences that give none.
         session: name of the session that the log belongs to.
     """
@@ -44,6 +45,7 @@ class Options:
     reference: str = "auto"
     attitude: Literal["auto", "ned-frd", "enu-rfu"] = "auto"
     imu_interval_s: float | None = None
+    append_clock: bool = False
     date: str | None = None
     session: str | None = None
 

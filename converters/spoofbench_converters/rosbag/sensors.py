@@ -1,7 +1,7 @@
 """The session of all messages that say by themselves what they hold: those of ROS, and those that a mapping describes."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,8 @@ class Sensors:
             records, stamps = payloads.records[group.index], payloads.stamps_ns[group.index]
             kept, given = refused(said.refusals, records, topic.name)
             yield from given
+            if said.stamp_ns is not None:
+                said = replace(said, stamp_ns=payloads.appended(said.stamp_ns, group.index))
             empty = _add(pieces, said, kept, records, stamps)
             if empty.any():
                 yield slabs.rejects(records[empty], f"{topic.name}: {_NOTHING}")

@@ -14,6 +14,7 @@ SLAB_MESSAGES = 16_384
 SLAB_BYTES = 16_777_216
 MAX_TOPICS = 4096
 MAX_MESSAGE_BYTES = 16_384
+_SAME_CLOCK_NS = 1_000_000_000
 
 _Integers = NDArray[np.int64]
 
@@ -49,6 +50,7 @@ class Payloads:
         lengths: bytes of each, ``(n,)``.
         records: ordinal of each in the bag, ``(n,)``.
         stamps_ns: when the recorder got each, ``(n,)``.
+        appended_ns: by how much that was put forward, for the recorder's clock jumped back before, ``(n,)``; None: by nothing.
     """
 
     octets: NDArray[np.uint8]
@@ -56,6 +58,14 @@ class Payloads:
     lengths: _Integers
     records: _Integers
     stamps_ns: _Integers
+    appended_ns: _Integers | None = None
+
+    def appended(self, own_ns: _Integers, places: NDArray[np.intp]) -> _Integers:
+        """Return the own stamps of messages, put forward alike where they are the recorder's clock's: within 1 s of its stamps."""
+        if self.appended_ns is None:
+            return own_ns
+        by_host = np.abs(self.stamps_ns[places] - self.appended_ns[places] - own_ns) <= _SAME_CLOCK_NS
+        return np.asarray(own_ns + np.where(by_host, self.appended_ns[places], 0))
 
 
 @dataclass(slots=True)
