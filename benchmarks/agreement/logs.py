@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 HERE = Path(__file__).parent
-NO_LOGS = (".chk", ".md", ".msg", ".tag", "")
+NO_LOGS = (".chk", ".md", ".msg", ".tag")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ def logs(folder: Path) -> Iterator[Log]:
     with (HERE / "options.toml").open("rb") as file:
         options = tomllib.load(file)
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-        if path.suffix in NO_LOGS or path.name == "manifest.csv":
+        if path.suffix in NO_LOGS or path.name in ("manifest.csv", "LICENSE", "NOTICE"):
             continue
         given = {name: text.replace("{folder}", str(path.parent)) for name, text in options.get(path.name, {}).items()}
         form = given.pop("format", None)
