@@ -41,16 +41,16 @@ def recursion(initial: Floats, transition: Floats, process: Floats, noise: Float
     """
     from scipy.linalg.lapack import dposv
 
-    measured = ~np.isnan(noise)
+    measured: NDArray[np.bool_] = ~np.isnan(noise)
     kept, variance = measured[:, :, None].astype(np.float64), np.where(measured, noise, 0.0)
     partly, some = (~measured.all(axis=1)).tolist(), measured.any(axis=1).tolist()
     gain, innovation = np.zeros((len(noise), STATES, MEASURED)), np.where(measured, noise, 1.0)[:, None] * np.eye(MEASURED)
-    covariance = initial
+    covariance: Floats = initial
     for k, (phi, added) in enumerate(zip(transition, process, strict=True)):
         covariance = phi @ covariance @ phi.T + added
         if not some[k]:
             continue
-        crossed = covariance[:MEASURED] * kept[k] if partly[k] else covariance[:MEASURED]
+        crossed: Floats = covariance[:MEASURED] * kept[k] if partly[k] else covariance[:MEASURED]
         spread = innovation[k]
         spread += crossed[:, :MEASURED] * kept[k].T if partly[k] else crossed[:, :MEASURED]
         weights = dposv(spread, crossed)[1].T  # by Cholesky: S is symmetric and positive
