@@ -149,7 +149,7 @@ class _Own:
     def __init__(self, batch: Batch, places: Ints, epoch: Ints, opens: Bools) -> None:
         self.places = places
         self._talker_of_frame = batch.frames["talker"]
-        self.frames = take(batch.frames, places)
+        self.frames = batch.frames if places.size == batch.size else take(batch.frames, places)
         mine = np.zeros(batch.size, bool)
         mine[places] = True
         opens = opens | (np.arange(places.size) == 0)

@@ -50,10 +50,10 @@ class Batch:
         place = np.cumsum(kept) - 1
         tables = {}
         for name, table in self.tables.items():
-            rows = np.flatnonzero(kept[table["frame"]])
-            if rows.size:
-                tables[name] = take(table, rows)
-                tables[name]["frame"] = place[tables[name]["frame"]]
+            rows = kept[table["frame"]]
+            if rows.any():
+                left = table if rows.all() else take(table, rows)
+                tables[name] = {**left, "frame": place[left["frame"]]}
         return Batch(take(self.frames, kept), tables)
 
     def split(self, place: int) -> tuple["Batch", "Batch"]:
@@ -110,8 +110,10 @@ def read_frames(frames: Frames, addresses: Addresses, source: str | None) -> tup
         reader = Reader(sentences.of(rows))
         for name, table in _tables(READ[present], reader, named[rows]):
             local = table.pop("row")
-            whole = np.flatnonzero(reader.readable[local])
-            tables[name] = join(tables.get(name, {}), {**take(table, whole), "frame": rows[local[whole]]})
+            if not reader.readable.all():
+                whole = np.flatnonzero(reader.readable[local])
+                table, local = take(table, whole), local[whole]
+            tables[name] = join(tables.get(name, {}), {**table, "frame": rows[local]})
         for name in common.keys() & tables.get(READ[present], {}).keys():
             common[name][tables[READ[present]]["frame"]] = tables[READ[present]][name]
         if not reader.readable.all():

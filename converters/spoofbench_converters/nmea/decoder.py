@@ -64,7 +64,8 @@ class NmeaDecoder:
             return
         receiver = self._receiver_of(held)
         first = np.flatnonzero(receiver == 0)
-        starts, before = open_within_bounds(take(held.frames, first), first, held.size, self._before, self._habits)
+        frames = held.frames if first.size == held.size else take(held.frames, first)
+        starts, before = open_within_bounds(frames, first, held.size, self._before, self._habits)
         end = held.size if last or (self._without_receiver and not first.size) else int(np.flatnonzero(starts)[-1])
         if self._without_receiver:
             starts |= receiver < 0
