@@ -8,7 +8,8 @@ from spoofbench_correlation import borio_pictures as pictures
 from spoofbench_correlation.borio_cells import cells
 from spoofbench_correlation.borio_findings import Findings
 from spoofbench_correlation.borio_recordings import Session, sessions
-from spoofbench_correlation.borio_statistics import Row, all_values, contradictions, dynamics, noisy_gyro, settings, summaries, transfer
+from spoofbench_correlation.borio_standstill import at_rest, contradictions
+from spoofbench_correlation.borio_statistics import Row, all_values, dynamics, noisy_gyro, settings, summaries, transfer
 
 TITLE = "Borio: GNSS/INS verification by correlation, in kind"
 PAPER = "D. Borio: An Experimental Evaluation of GNSS/INS Verification Strategies for Vehicular Applications."
@@ -34,7 +35,8 @@ NOTES = (
     ),
     (
         "The ZED-F9R logs couple GNSS with the very IMU, which the paper avoids, and hold one inertial sample a second: their genuine "
-        "values say little either way. Solutions of phones may be fused too. The two runners hold their phones in the hand."
+        "values say little either way. Solutions of phones may be fused too. The two runners hold their phones in the hand, and "
+        "the phone of phone-car is moved at about 330 s, while the car stands."
     ),
     "An epoch is no sample of its own, since windows overlap: intervals are of 1000 draws of blocks of one window.",
     "Of Fig 7 the loops in a roundabout, and of Fig 13 the drive of Fig 10 seen by a second IMU, have no counterpart in these recordings.",
@@ -57,6 +59,7 @@ def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> 
         "gyro_noise": noisy_gyro(drive) if drive else [],
         "dynamics": dynamics(with_imu, values),
         "contradictions": contradictions(found),
+        "at_rest": at_rest(found),
     }
     progress(0.85)
     for name, rows in tables.items():

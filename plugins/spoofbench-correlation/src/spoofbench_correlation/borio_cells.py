@@ -7,7 +7,8 @@ import numpy as np
 from spoofbench.reproducing import Cell
 from spoofbench_correlation import borio_discussion
 from spoofbench_correlation.borio_findings import DRIVE, Findings, together
-from spoofbench_correlation.borio_statistics import FALSE_ALERTS, FOUR, QUINTILES, THRESHOLD, Series, below, bootstrap, parked
+from spoofbench_correlation.borio_standstill import parked
+from spoofbench_correlation.borio_statistics import FALSE_ALERTS, FOUR, QUINTILES, THRESHOLD, Series, below, bootstrap
 
 SPORADIC = 0.05
 PHONES = ("iphone-2", "iphone-3", "iphone-5")

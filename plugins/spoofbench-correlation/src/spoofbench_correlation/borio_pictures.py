@@ -8,7 +8,7 @@ import numpy as np
 from spoofbench.reproducing import new_figure, save_figure
 from spoofbench_correlation import gnss, gravity, imu
 from spoofbench_correlation.borio_recordings import Session
-from spoofbench_correlation.borio_statistics import FOUR, THRESHOLD, Row, Values
+from spoofbench_correlation.borio_statistics import DELAYS_S, FOUR, THRESHOLD, Row, Values
 from spoofbench_correlation.series import Comparison, series
 
 COLOURS = {"M_acc": "#c46a1b", "M_ag": "#3b6fb6", "H_acc": "#8c3b0c", "H_ag": "#14325c"}
@@ -69,6 +69,7 @@ def delays(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
         if len(points) > 1:
             axes.plot(*zip(*points, strict=True), marker=".", label=name)
     axes.set_xscale("symlog", linthresh=1)
+    axes.set_xticks([0, *DELAYS_S], ["0", *map(str, DELAYS_S)])
     axes.set_xlabel("delay, s")
     axes.set_ylabel("share of epochs with H < 0.7")
     axes.legend(fontsize=8)

@@ -159,11 +159,12 @@ def prepared(log: Log, recording: Recording) -> Session:
 
 def at_1_hz(pvt: Table) -> Table:
     """Return rows a second apart, or all where the receiver is no faster."""
-    if np.median(np.diff(pvt.time_ns)) > 0.75 * EPOCH_S * 1e9:
+    interval_ns = float(np.median(np.diff(pvt.time_ns)))
+    if interval_ns > 0.75 * EPOCH_S * 1e9:
         return pvt
     kept: list[int] = []
     for row, time_ns in enumerate(pvt.time_ns.tolist()):
-        if not kept or time_ns - pvt.time_ns[kept[-1]] > 0.95 * EPOCH_S * 1e9:
+        if not kept or time_ns - pvt.time_ns[kept[-1]] > EPOCH_S * 1e9 - interval_ns / 2:
             kept.append(row)
     return pvt.take(np.array(kept, np.intp))
 

@@ -36,7 +36,6 @@ SETTINGS: Mapping[str, Mapping[str, Any]] = {
 }
 GYRO_NOISES_RADPS = (0.0, 0.02, 0.05, 0.1, 0.2)  # of the means over an epoch
 OTHER_VEHICLES = {"drive": "rtk-drive"}  # donors where no recording shares the group; for the others the drive
-SLOW_MPS = 0.3
 MOVING_MPS = 5.0
 QUINTILES = 5
 DRAWS, LEAST_BLOCKS = 1000, 5
@@ -223,7 +222,7 @@ def dynamics(sessions: Sequence[Session], values: Values) -> list[Row]:
     for session in sessions:
         if not session.inertial:
             continue
-        time_s, rms, speed, _ = _window_motion(session)
+        time_s, rms, speed, _ = window_motion(session)
         for statistic in FOUR:
             series = values[session.name, "genuine", statistic]
             at = np.searchsorted(time_s, series.time_s)
@@ -240,20 +239,14 @@ def dynamics(sessions: Sequence[Session], values: Values) -> list[Row]:
     return rows
 
 
-def parked(session: Session, series: Series) -> NDArray[np.bool_]:
-    """Which values are of windows in which the receiver stands still throughout."""
-    time_s, _, _, slow = _window_motion(session)
-    return np.asarray(slow[np.searchsorted(time_s, series.time_s)] == 1)
-
-
-def _window_motion(session: Session) -> tuple[Floats, Floats, Floats, Floats]:
+def window_motion(session: Session) -> tuple[Floats, Floats, Floats, Floats]:
     """Per pair of epochs, over the window that it ends: its time, rms horizontal acceleration, mean speed, share of slow pairs."""
     velocity = gnss.velocity(session.recording.primary("gnss/pvt"))
     start_ns, end_ns = velocity.time_ns[:-1], velocity.time_ns[1:]
     first = windows.first_of_window(start_ns, end_ns, session.window_s)
     squared = (gnss.acceleration(velocity)[:2] ** 2).sum(axis=0)
     speed = velocity.speed_mps[1:]
-    slow = np.where(np.isnan(speed), np.nan, speed < SLOW_MPS)
+    slow = np.where(np.isnan(speed), np.nan, speed < ZeroVelocity.speed_mps)
     rms = np.sqrt(_trailing_mean(squared, first))
     return (end_ns - velocity.time_ns[0]) / 1e9, rms, _trailing_mean(speed, first), _trailing_mean(slow, first)
 
@@ -264,20 +257,3 @@ def _trailing_mean(values: Floats, first: NDArray[np.intp]) -> Floats:
     counted = count[1:] - count[first]
     mean: Floats = np.divide(total[1:] - total[first], counted, out=np.full(values.size, np.nan), where=counted > 0)
     return mean
-
-
-def contradictions(sessions: Sequence[Session]) -> list[Row]:
-    """Return contradicted seconds per minute over each session, genuine and under each attack; null where standstill is not known."""
-    rows = []
-    for session in sessions:
-        if not session.inertial:
-            continue
-        for case, recording in cases(session, sessions):
-            for kind in ("gnss_still", "imu_still", "either"):
-                whole_s = recording.span.duration_s
-                detector = ZeroVelocity(contradiction=kind, window_s=whole_s, min_share=0.5, threshold_per_min=1.0)
-                decisions = detect(detector, recording)
-                known = decisions.available.size > 0 and bool(decisions.available[-1])
-                per_min = float(decisions.score[-1]) if known else None
-                rows.append({"recording": session.name, "case": case, "kind": kind, "per_min": per_min})
-    return rows
