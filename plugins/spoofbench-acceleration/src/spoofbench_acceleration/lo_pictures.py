@@ -138,6 +138,8 @@ def _detection(path: Path, flight: Flights, spoofer: Spoofer, delay_s: float) ->
         bottom.legend(fontsize=7, loc="upper right")
         bottom.set_ylim(-1, 51)
         bottom.set_xlabel("time since the start of the approach, s")
+    for panel in axes[:3].flat:
+        panel.tick_params(labelbottom=False)
     for panel, label in zip(axes[:, 0], ("m/s$^2$", "difference, m/s$^2$", "flags", "flags in 5 s"), strict=True):
         panel.set_ylabel(label)
     for left, right in axes[:2]:
