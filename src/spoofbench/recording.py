@@ -28,8 +28,9 @@ recording       ``schema_version``; ``session_id``: recordings of one session sh
 primary         by kind, the source that a detector gets when it asks for that kind
 source/<name>   ``topic``: where the log had it; ``device``; ``axes``: where x, y and z of a sensor point, such as ``frd``;
                 ``interval_s`` of an IMU's averages; ``antenna_position_m``; ``time_basis``, ``counter_offset_s`` and
-                ``counter_spread_s`` of a sensor's own counter laid on the axis; ``header_offset_s`` of a message's stamp; ``solution``: ``gnss``, or ``fused`` with inertial
-                sensors; ``<key>_basis``: how the converter knows. That of the reference is ``source/reference``
+                ``counter_spread_s`` of a sensor's own counter laid on the axis; ``header_offset_s`` of a message's stamp;
+                ``solution``: ``gnss``, or ``fused`` with inertial sensors; ``<key>_basis``: how the converter knows.
+                That of the reference is ``source/reference``
 origin          ``file``, ``size``, ``sha256`` of the log; ``converter``, its ``converter_version`` and ``converter_distribution``,
                 ``options`` as JSON
 ledger          :meth:`spoofbench.converting.Ledger.as_metadata`

@@ -7,6 +7,7 @@ import lzma
 import os
 import zipfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -109,6 +110,21 @@ def test_a_damaged_member_ends_where_the_damage_is(tmp_path: Path) -> None:
     assert source.tally.ended == {"log": len(content)}
     assert "CRC" in source.tally.damage["log"]
     assert source.size() == len(content)
+
+
+def test_damage_costs_the_same_however_much_is_read_at_a_time(tmp_path: Path) -> None:
+    content = b"".join(b"%09d\n" % number for number in range(400_000))
+    with zipfile.ZipFile(tmp_path / "log.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("log.txt", content)
+    packed = bytearray((tmp_path / "log.zip").read_bytes())
+    packed[len(packed) // 2] ^= 1
+    (tmp_path / "log.zip").write_bytes(packed)
+    whole = []
+    for size in (1000, 65_536, 2**22):
+        with Source.of(tmp_path / "log.zip").members()["log.txt"].open() as stream:
+            whole.append(b"".join(iter(partial(stream.read, size), b"")))
+    assert whole[0] == whole[1] == whole[2]
+    assert len(whole[0]) > len(content) // 4
 
 
 @pytest.mark.parametrize("content", [b"PK\x03\x04", b"PK\x03\x04" + bytes(500)])

@@ -15,6 +15,7 @@ from spoofbench.errors import ConversionError, LimitError
 MAX_UNPACKED_BYTES = 64 * 2**30
 
 _ZSTD_WINDOW_BYTES = 128 * 2**20
+_PIECE_BYTES = 65_536  # what damage may cost of the intact bytes before it, however much is asked for at a time
 _ZSTD_PIECE_BYTES = 1024
 """Of packed bytes at a time: a zstd block of 4 bytes can unpack to 128 KiB, so that a piece gives 32 MiB at most."""
 
@@ -88,7 +89,7 @@ class _Bounded(io.RawIOBase):
 
     def _piece(self, most: int) -> bytes:
         try:
-            return bytes(self._stream.read1(most))
+            return bytes(self._stream.read1(min(most, _PIECE_BYTES)))
         except _DAMAGE as error:
             if isinstance(error, OSError) and error.errno is not None:
                 raise ConversionError(f"{self._called!r} cannot be read after {self._read:,} bytes: {error.strerror}") from error
