@@ -59,7 +59,8 @@ def test_the_single_numbering_of_satellites(ubx: Any) -> None:
         255: (gnss_pb2.CONSTELLATION_GLONASS, None),
         0: (None, None),
     }
-    table = ubx.decode([ubx.message("NAV-SVINFO", [{"svid": number, "cno": 30} for number in expected], iTOW=1000)]).tables[SIGNAL]
+    channels = [{"chn": 9}, *({"svid": number, "cno": 30} for number in expected), {"chn": 255}]  # the first and last have no satellite
+    table = ubx.decode([ubx.message("NAV-SVINFO", channels, iTOW=1000)]).tables[SIGNAL]
     for row, (constellation, number) in enumerate(expected.values()):
         assert (table["constellation"][row] if table.valid("constellation")[row] else None) == constellation
         assert (table["svid"][row] if table.valid("svid")[row] else None) == number

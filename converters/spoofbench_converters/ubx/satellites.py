@@ -16,7 +16,8 @@ def signals(batch: Batch, system: str, source: str) -> list[Rows]:
     """Return ``gnss/signal`` rows of NAV-SIG, with directions of NAV-SAT; where an epoch has no NAV-SIG of NAV-SAT, or NAV-SVINFO.
 
     A C/N0 of 0 is that of a satellite not received: absent, as its residual. Directions are absent where the elevation
-    is out of range, which is how the receiver says that it does not know them (UBX-NAV-SAT, elev).
+    is out of range, which is how the receiver says that it does not know them (UBX-NAV-SAT, elev). Channels of NAV-SVINFO
+    without a satellite have number 0.
     """
     names = ("SIG", "SAT", "SVINFO") if system == "NAV" else ("SIG", "SAT")
     picked = {name: batch.one_of(f"{system}-{name}") for name in names}
@@ -28,6 +29,9 @@ def signals(batch: Batch, system: str, source: str) -> list[Rows]:
             batch.refuse(one.frames[~fresh], "NAV-SIG or NAV-SAT of its epoch says more")
         chosen = one.take(fresh)
         blocks, place = batch.blocks(f"{system}-{name}", chosen)
+        if name == "SVINFO":
+            assigned = blocks["svid"] > 0
+            blocks, place = blocks[assigned], place[assigned]
         columns = _signal(name, blocks)
         if name == "SIG":
             sky, sky_place = batch.blocks(f"{system}-SAT", picked["SAT"])
