@@ -13,7 +13,7 @@ import pytest
 from spoofbench.codec import read
 from spoofbench.converting import Block, Extent, Facts, Ledger, Reject, Source, convert
 from spoofbench.converting.ledger import DETAILED_REJECTS
-from spoofbench.errors import ConversionError, PluginError
+from spoofbench.errors import ConversionError, PluginError, RecordingError
 from spoofbench.recording import Table
 
 START_NS = 1_700_000_000_000_000_000
@@ -192,3 +192,13 @@ def test_a_converter_that_counts_bytes_accounts_for_each(install: Any, log: Path
     with pytest.raises(PluginError, match=rf"converter 'fake' of fake 1 accounts for {counted} bytes of 'some.log', which has 300"):
         convert(log, tmp_path / "wrong.mcap")
     assert not (tmp_path / "wrong.mcap").exists()
+
+
+def test_what_is_no_file_is_never_replaced(install: Any, log: Path, tmp_path: Path) -> None:
+    install("fake", [rows(1, 2)])
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    for name in ("pipe", "folder"):
+        with pytest.raises(RecordingError, match="no file"):
+            convert(log, tmp_path / name)
+    assert (tmp_path / "pipe").is_fifo()

@@ -78,6 +78,8 @@ class Writer:
         self._offset = 0
 
     def __enter__(self) -> Self:
+        if self._path.exists() and not self._path.is_file():
+            raise RecordingError(f"{str(self._path)!r} is there and no file; name a file to write")
         try:
             self._stream: IO[bytes] = self._temporary.open("wb")
         except OSError as error:

@@ -124,6 +124,8 @@ def _whole(out: Path) -> Iterator[Path]:
     place = out.with_name(f".{os.getpid()}.part.{out.name}")  # its suffix says the format
     if out.is_dir() and any(out.iterdir()):
         raise RecordingError(f"the folder {str(out)!r} is not empty; name another")
+    if out.exists() and not (out.is_dir() or out.is_file()):
+        raise RecordingError(f"{str(out)!r} is there and neither file nor folder; name another")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         yield place
