@@ -176,3 +176,13 @@ def test_version_7_3_is_refused(tmp_path: Path) -> None:
     (tmp_path / "log.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + zlib.compress(b"x"))
     with pytest.raises(ConversionError, match="save it with '-v7'"):
         _convert(tmp_path / "log.mat", 'format = "mat"')
+
+
+def test_what_an_archive_hides_is_no_table(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "log.zip", "w") as archive:
+        archive.writestr("drive/imu.csv", "t,ax,ay,az\n1,2,3,4\n")
+        archive.writestr("__MACOSX/drive/._imu.csv", bytes(range(32)))
+        archive.writestr("drive/.DS_Store", b"Bud1")
+    result = _convert(tmp_path / "log.zip")
+    assert len(result.recording["/imu0/imu"]) == 1
+    assert result.ledger.reasons == {"a file that is not in the mapping": 36}

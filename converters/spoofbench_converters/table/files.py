@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import IO, Literal
 
 from spoofbench.converting import Member, Source
@@ -41,6 +41,11 @@ class File:
         if self.head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")):
             return "mat"
         return "npy" if self.head.startswith(b"\x93NUMPY") else "csv"
+
+    @property
+    def is_hidden(self) -> bool:
+        """Whether it is no part of a session by its name, such as what macOS puts into archives."""
+        return any(part.startswith((".", "__MACOSX")) for part in self.name.split("/"))
 
     def open(self) -> IO[bytes]:
         return self.content.open()
@@ -108,9 +113,10 @@ def files_of(source: Source, patterns: Sequence[str] | None = None) -> list[File
     for name, member in members.items():
         if patterns is not None and not any(fits(name, pattern) for pattern in patterns):
             continue
-        hidden = any(part.startswith((".", "__MACOSX")) for part in name.split("/"))
-        with member.open() as file:
-            found.append(File(name, member, b"" if hidden else file.read(HEAD_BYTES)))
+        found.append(File(name, member, b""))
+        if not found[-1].is_hidden:
+            with member.open() as file:
+                found[-1] = replace(found[-1], head=file.read(HEAD_BYTES))
     return found
 
 

@@ -37,7 +37,7 @@ def used_columns(table: TableSpec, available: tuple[str, ...]) -> tuple[str, ...
             found.append(column[0])
         elif not optional:
             near = difflib.get_close_matches(name.removeprefix("-"), available, 1, 0.5)
-            hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(map(repr, available[:30]))}"
+            hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(repr(name[:40]) for name in available[:15])}"
             raise ConversionError(f"the table {table.name!r} of the mapping needs a column {name!r}; {hint}")
     return tuple(dict.fromkeys(found))
 

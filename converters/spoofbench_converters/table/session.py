@@ -122,7 +122,7 @@ def _session(mapping: Mapping, files: Sequence[File], *, is_lone: bool) -> Sessi
         if tags is not None and fits(file.name, tags):
             session.tags = file
             continue
-        tables = _tables_of(mapping, file, is_lone)
+        tables = [] if file.is_hidden and not is_lone else _tables_of(mapping, file, is_lone)
         if len(tables) > 1 and file.format != "mat":
             raise ConversionError(
                 f"{file.name!r} fits the tables {[table.name for table in tables]} of the mapping {mapping.name!r}: narrow their 'files'"

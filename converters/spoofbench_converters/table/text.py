@@ -99,6 +99,8 @@ def read_head(octets: bytes, layout: Layout, name: str) -> Head:
             comments.append(" ".join(line.split()))
         elif line.strip() and want_header:
             names, want_header = _unique(split_line(line, layout)), False
+            if any(letter < " " for letter in "".join(names).replace("\t", " ")):
+                raise ConversionError(f"{name!r} is no text: there are control characters in the names of its columns")
         elif line.strip():
             first = place if first < 0 else first
             widths[len(split_line(line, layout))] += 1
