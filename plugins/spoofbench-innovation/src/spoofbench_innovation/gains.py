@@ -41,18 +41,22 @@ def recursion(initial: Floats, transition: Floats, process: Floats, noise: Float
     """
     from scipy.linalg.lapack import dposv
 
-    measured: NDArray[np.bool_] = ~np.isnan(noise)
-    kept, variance = measured[:, :, None].astype(np.float64), np.where(measured, noise, 0.0)
-    partly, some = (~measured.all(axis=1)).tolist(), measured.any(axis=1).tolist()
+    measured: NDArray[np.bool_] = np.isfinite(noise)
+    kept: Floats = measured[:, :, None].astype(np.float64)
+    variance = np.where(measured, noise, 0.0)
+    count: list[int] = np.count_nonzero(measured, axis=1).tolist()
     gain, innovation = np.zeros((len(noise), STATES, MEASURED)), np.where(measured, noise, 1.0)[:, None] * np.eye(MEASURED)
     covariance: Floats = initial
     for k, (phi, added) in enumerate(zip(transition, process, strict=True)):
         covariance = phi @ covariance @ phi.T + added
-        if not some[k]:
+        if not count[k]:
             continue
-        crossed: Floats = covariance[:MEASURED] * kept[k] if partly[k] else covariance[:MEASURED]
-        spread = innovation[k]
-        spread += crossed[:, :MEASURED] * kept[k].T if partly[k] else crossed[:, :MEASURED]
+        crossed, spread = covariance[:MEASURED], innovation[k]
+        if count[k] < MEASURED:
+            crossed = crossed * kept[k]
+            spread += crossed[:, :MEASURED] * kept[k].T
+        else:
+            spread += crossed[:, :MEASURED]
         weights = dposv(spread, crossed)[1].T  # by Cholesky: S is symmetric and positive
         half = covariance - weights @ crossed
         covariance = half + (weights * variance[k] - half[:, :MEASURED]) @ weights.T
