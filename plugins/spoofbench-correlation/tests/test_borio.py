@@ -1,15 +1,18 @@
 """What the reproduction of Borio makes of recordings: velocities, lags, attacked stretches, shares and intervals."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spoofbench_correlation import borio
 from spoofbench_correlation import borio_recordings as recordings
 from spoofbench_correlation import borio_standstill as standstill
 from spoofbench_correlation import borio_statistics as statistics
 from spoofbench_correlation.borio_statistics import Series
 
-from spoofbench.errors import NotApplicable
+from spoofbench.errors import NotApplicable, SpoofbenchError
 from spoofbench.recording import Recording, Table
 
 SECOND = 1_000_000_000
@@ -175,3 +178,14 @@ def test_a_parked_car_is_parked_and_its_gyroscope_at_rest() -> None:
     assert standstill.parked(found, Series(times, times)).tolist() == (times < 200).tolist()
     (row,) = standstill.at_rest([found])
     assert (row["epochs"], row["force_still_share"], row["rate_still_share"]) == (199, 1, 0)
+
+
+def test_without_any_log_there_is_a_reason_and_no_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def absent() -> Path:
+        raise SpoofbenchError("the drive is not installed")
+
+    monkeypatch.setattr(recordings, "drive_bag", absent)
+    found = borio.reproduce(tmp_path, tmp_path, False, lambda share: None)
+    assert found.cells == []
+    assert "drive is left out: the drive is not installed." in found.notes
+    assert sum("is left out: the folder of logs has no" in note for note in found.notes) == len(recordings.LOGS) - 1

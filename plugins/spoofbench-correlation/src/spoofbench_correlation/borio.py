@@ -99,9 +99,10 @@ def _drawn(out: Path, findings: Findings) -> Iterator[Picture]:
     if meaconed:
         pictures.statistics(out / "statistics-meaconing", findings.values, meaconed[:4])
         yield Picture("statistics-meaconing", "As Figs 9 and 12: GNSS of another run; for the drive, of another car")
-    pictures.delays(out / "delays", findings.tables["statistics"], findings.long)
-    yield Picture("delays", "Share of epochs with H below 0.7, by delay of the replay; 0 is genuine")
-    if len(findings.sessions) > 1:
+    if findings.long:
+        pictures.delays(out / "delays", findings.tables["statistics"], findings.long)
+        yield Picture("delays", "Share of epochs with H below 0.7, by delay of the replay; 0 is genuine")
+    if len(findings.long) > 1:
         pictures.transfer(out / "transfer", findings.tables["transfer"], findings.long)
         yield Picture(
             "transfer", "Thresholds on H fitted to one recording (rows: 1 % of genuine epochs below) and used on another (columns)"
