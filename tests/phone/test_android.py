@@ -133,3 +133,14 @@ def test_a_phase_counts_only_where_it_is_valid(tmp_path: Path, header: str) -> N
 def test_every_constellation_is_one_of_the_schema() -> None:
     known = {value.number for value in KINDS["gnss/observation"].message.fields_by_name["constellation"].enum_type.values}
     assert set(android.SCHEMA_CONSTELLATION.tolist()) <= known
+
+
+@pytest.mark.parametrize(
+    ("constellation", "number", "within"), [(4, 193, 1), (4, 199, 7), (4, 183, 1), (4, 189, 7), (1, 31, 31), (2, 183, 183)]
+)
+def test_satellites_are_numbered_within_their_constellations(
+    tmp_path: Path, header: str, constellation: int, number: int, within: int
+) -> None:
+    """QZSS by RINEX 3.05, section 3.5: 193 to 202 less 192, and 183 to 191 of its L1S signal less 182."""
+    found = measured(tmp_path, header, [{"ConstellationType": constellation, "Svid": number, "State": CODE}])
+    assert found["svid"].tolist() == [within]

@@ -86,20 +86,7 @@ def read_frames(frames: Frames, addresses: Addresses, source: str | None) -> tup
         others = np.isin(code, list(_BY_TALKER)) & (np.array(addresses.talkers)[talker] != source)
         code, reason = np.where(others, -1, code), np.where(others, addresses.reason("NMEA: another talker than the one asked for"), reason)
     named = satellites.of_talkers(addresses.talkers)[talker]
-    n = code.size
-    common: Columns = {
-        "offset": frames.offsets(),
-        "used": frames.used,
-        "receive_time_ns": frames.receive_time_ns,
-        "code": code,
-        "talker": talker,
-        "tod_ns": np.full(n, ABSENT_NS),
-        "tod_places": np.zeros(n, np.int64),
-        "lat_deg": np.full(n, np.nan),
-        "lon_deg": np.full(n, np.nan),
-        "lat_deg_step": np.full(n, np.inf),
-        "message": np.zeros(n, np.int64),
-    }
+    common = _common(frames, code, talker)
     rejects = [
         _rejects(frames, np.flatnonzero((code < 0) & (reason == place)), addresses.reasons[place]) for place in np.unique(reason[code < 0])
     ]
@@ -122,6 +109,24 @@ def read_frames(frames: Frames, addresses: Addresses, source: str | None) -> tup
     if VIEW in tables:
         tables[VIEW] = take(tables[VIEW], np.argsort(tables[VIEW]["frame"], kind="stable"))
     return Batch(common, tables).take(kept), rejects
+
+
+def _common(frames: Frames, code: Ints, talker: Ints) -> Columns:
+    """Return what all sentences have in common, times and positions still absent."""
+    n = code.size
+    return {
+        "offset": frames.offsets(),
+        "used": frames.used,
+        "receive_time_ns": frames.receive_time_ns,
+        "code": code,
+        "talker": talker,
+        "tod_ns": np.full(n, ABSENT_NS),
+        "tod_places": np.zeros(n, np.int64),
+        "lat_deg": np.full(n, np.nan),
+        "lon_deg": np.full(n, np.nan),
+        "lat_deg_step": np.full(n, np.inf),
+        "message": np.zeros(n, np.int64),
+    }
 
 
 def _tables(name: str, reader: Reader, named: Ints) -> Iterator[tuple[str, Columns]]:

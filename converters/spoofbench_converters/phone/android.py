@@ -87,13 +87,12 @@ def satellites(sheet: Sheet) -> Satellites:
     given = np.where(given > 0, given, np.nan)
     carrier, band, signal = _signals(android, given, sheet.words("CodeType"))
     slot, has_slot = _slots(android, given, svid)
-    qzss = (android == _QZSS) & (svid > 192)
     known = has_svid & (svid > 0) & (svid < 1000) & ~((android == _GLONASS) & (svid > 92))
     return Satellites(
         {
             "constellation": SCHEMA_CONSTELLATION[android],
             "constellation?": android > 0,
-            "svid": np.where(known, svid - 192 * qzss, 0).astype(np.uint32),
+            "svid": np.where(known, within_constellation(android, svid), 0).astype(np.uint32),
             "svid?": known,
             "signal": signal,
             "frequency_slot": slot.astype(np.int32),
@@ -103,6 +102,12 @@ def satellites(sheet: Sheet) -> Satellites:
         carrier,
         band,
     )
+
+
+def within_constellation(android: NDArray[np.int64], svid: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return satellites' numbers within their constellations: QZSS is numbered from 193 on, and from 183 on by its L1S signal."""
+    first = np.where(svid > 192, 192, np.where(svid > 182, 182, 0))
+    return svid - np.where(android == _QZSS, first, 0)
 
 
 def _signals(

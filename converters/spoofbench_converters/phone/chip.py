@@ -112,7 +112,7 @@ class Chip:
         constellation = np.where(has_kind & (kind >> 8 < 8), kind >> 8, 0)
         columns: Columns = {
             **held((android.SCHEMA_CONSTELLATION[constellation], constellation > 0), "constellation"),
-            **held((np.where(svid[1], svid[0] - 192 * ((constellation == 4) & (svid[0] > 192)), 0), svid[1] & (svid[0] > 0)), "svid"),
+            **held((np.where(svid[1], android.within_constellation(constellation, svid[0]), 0), svid[1] & (svid[0] > 0)), "svid"),
             "signal": np.array([signals.get(number, -1) for number in kind.tolist()], np.int32),
             **sheet.account(),
         }

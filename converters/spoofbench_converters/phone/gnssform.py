@@ -114,9 +114,7 @@ def likeness(head: bytes) -> float:
         return 0.0
     if headed:
         return 1.0
-    rows = sum(
-        bool(re.match(r"[A-Za-z]+,(GPS|FLP|NLP|gps|fused|network|-?\d+),-?\d", line)) for line in lines if line.partition(",")[0] in TYPES
-    )
+    rows = sum(bool(_ROW.match(line)) for line in lines if line.partition(",")[0] in TYPES)
     return 0.9 if rows >= 3 and 2 * rows >= len(lines) else 0.0
 
 
