@@ -105,7 +105,7 @@ def satellites(sheet: Sheet) -> Satellites:
 
 
 def within_constellation(android: NDArray[np.int64], svid: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return satellites' numbers within their constellations: QZSS is numbered from 193 on, and from 183 on by its L1S signal."""
+    """Return satellites' numbers within their constellations: QZSS is numbered from 193, by its L1S signal from 183 (RINEX 3.05, 3.5)."""
     first = np.where(svid > 192, 192, np.where(svid > 182, 182, 0))
     return svid - np.where(android == _QZSS, first, 0)
 
