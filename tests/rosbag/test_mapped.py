@@ -35,6 +35,7 @@ TYPES = {
         "std_msgs/Header header\nfloat64 latitude\nfloat64 longitude\nstring altitude\nfloat64 utm_easting\nfloat64 utm_northing\n"
         "int32 zone\nstring letter\n"
     ),
+    "lab/msg/Fix": "uint16 week\nuint32 tow_ms\nfloat64 lat\nfloat64 lon\n",
     "lab/msg/Speed": "std_msgs/Header header\nfloat64 kmh\nint32[3] raw\n",
 }
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -136,3 +137,33 @@ def test_ready_mappings_can_be_read() -> None:
     names = [mapping.name for mapping in mapped._ready()]
     assert len(names) >= 5
     assert all(table.messages for mapping in mapped._ready() for table in mapping.tables)
+
+
+GPS_TIME = """
+clock = "sensor"
+[table.fix]
+messages = "lab/msg/Fix"
+[table.fix.time]
+column = "tow_ms"
+unit = "ms"
+week = "week"
+[table.fix."/gnss0/gnss/pvt"]
+lat_deg = "lat"
+lon_deg = "lon"
+"""
+
+
+@pytest.mark.parametrize(("setting", "leap_s"), [("", 18), ("leap_seconds = 17\n", 17)])
+def test_a_mapped_gps_time_is_turned_to_utc(setting: str, leap_s: int, sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
+    gps_s = sessions.START_NS // sessions.SECOND_NS - 315_964_800 + leap_s
+    rows = [{"week": (gps_s + i) // 604_800, "tow_ms": (gps_s + i) % 604_800 * 1000 - 250, "lat": 42.0, "lon": -71.0} for i in range(5)]
+    (tmp_path / "lab.toml").write_text(GPS_TIME.replace('unit = "ms"\n', f'unit = "ms"\n{setting}'))
+    result = convert_bag(bag(sessions, tmp_path / "bag", "lab/msg/Fix", rows), mapping=str(tmp_path / "lab.toml"))
+    assert (result.recording["/gnss0/gnss/pvt"].time_ns - sessions.START_NS).tolist() == [i * 10**9 - 250_000_000 for i in range(5)]
+
+
+@pytest.mark.parametrize("setting", ['since = "start"', 'since = "day"', "wraps = 65536", 'date = "week"'])
+def test_a_time_that_messages_cannot_have_is_refused(setting: str, sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").write_text(GPS_TIME.replace('week = "week"', setting))
+    with pytest.raises(ConversionError, match="cannot be used for messages"):
+        convert_bag(bag(sessions, tmp_path / "bag", "lab/msg/Fix", [{"week": 1}]), mapping=str(tmp_path / "lab.toml"))

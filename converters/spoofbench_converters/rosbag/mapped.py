@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from spoofbench.converting import Columns
 from spoofbench.errors import ConversionError
+from spoofbench.gps_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds_at_gps
 from spoofbench.schema import KINDS
 from spoofbench_converters.rosbag.definitions import Definitions
 from spoofbench_converters.rosbag.family import Part, Said
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     from spoofbench_converters.table.mapping import Mapping as TableMapping
     from spoofbench_converters.table.mapping import TableSpec, TopicSpec
 
-_GPS_EPOCH_NS = 315_964_800_000_000_000
-_WEEK_NS = 604_800_000_000_000
 _HEADER = "std_msgs/msg/Header"
 _VELOCITIES = frozenset({"vel_n_mps", "vel_e_mps", "speed_mps"})
 
@@ -79,7 +78,7 @@ def _describes(table: "TableSpec", topic: Topic, paths: Mapping[str, str]) -> bo
     """Whether a table is of a topic's type, and the type has all the fields that it names."""
     name = topic.type.replace("/msg/", "/")
     needed = [*table.columns, *(path for path, optional in table.wanted().items() if not optional)]
-    return any(fnmatchcase(name, pattern) for pattern in table.messages) and all(
+    return any(fnmatchcase(name, pattern.replace("/msg/", "/")) for pattern in table.messages) and all(
         _path(path)[0].partition("[")[0] in paths for path in needed
     )
 
@@ -95,6 +94,12 @@ def _spec(mapping: "TableMapping", table: "TableSpec", paths: Mapping[str, str])
         raise ConversionError(
             f"the table {table.name!r} of the mapping {mapping.name!r} cannot be used for messages: "
             "it may have each kind once, and neither 'changes' nor 'receive_time_ns'"
+        )
+    time = table.time
+    if time is not None and (time.unit is None or time.is_relative or time.date is not None or time.wraps):
+        raise ConversionError(
+            f"the time of the table {table.name!r} of the mapping {mapping.name!r} cannot be used for messages: it must be a number "
+            "that counts since unix, gps, matlab, a date or a week; without a time, the header's stamps are taken"
         )
     header = next((path for path, base in paths.items() if base == _HEADER and "." not in path), None)
 
@@ -155,19 +160,19 @@ def _stamp(time: "TimeSpec | None", header: str | None, fields: Fields) -> Integ
     """Return the messages' own times: as the mapping says, else the stamp of their header."""
     if time is None:
         return None if header is None else fields.stamp_ns(f"{header}.stamp")
+    assert time.unit is not None
     path, _ = _path(time.column)
-    if time.unit is None or (time.since_ns is None and time.week is None):
-        return None
-    whole, per_ns = fields.integers(path), time.unit.factor * 1_000_000_000
+    whole, per_ns = fields.integers(path), time.unit.factor * SECOND_NS
     raw = fields.floats(path)
     if whole is not None and per_ns.denominator == 1:
         ticks: Integers = whole * per_ns.numerator
     else:
         ticks = np.where(np.isnan(raw), 0, np.rint(raw * float(per_ns))).astype(np.int64)
     weeks = fields.integers(time.week) if time.week else None
-    since_ns = _GPS_EPOCH_NS if time.since_ns is None else time.since_ns
-    leap_ns = (time.leap_seconds or 0) * 1_000_000_000 if time.scale == "gps" else 0
-    return ticks + (since_ns - leap_ns) + (0 if weeks is None else weeks * _WEEK_NS)
+    own_ns: Integers = ticks + (GPS_EPOCH_NS if time.since_ns is None else time.since_ns) + (0 if weeks is None else weeks * WEEK_NS)
+    if time.scale == "utc":
+        return own_ns
+    return own_ns - SECOND_NS * (leap_seconds_at_gps(own_ns - GPS_EPOCH_NS) if time.leap_seconds is None else time.leap_seconds)
 
 
 def _embedded(paths: Mapping[str, str]) -> Spec | None:

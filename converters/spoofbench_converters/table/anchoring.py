@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.errors import ConversionError
+from spoofbench.gps_time import DAY_NS, SECOND_NS
 from spoofbench_converters.table.fields import TimeSpec, moment_ns
 from spoofbench_converters.table.mapping import Anchor, TableSpec
 from spoofbench_converters.table.reading import rows
 from spoofbench_converters.table.session import Session
 from spoofbench_converters.table.text import Rows
-from spoofbench_converters.table.times import DAY_NS, SECOND_NS, Clock, gps_to_utc
+from spoofbench_converters.table.times import Clock, gps_to_utc
 
 TAGS = 1000
 TAG = np.dtype([("tick", "<u4"), ("octets", "<u4")])

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.errors import ConversionError
+from spoofbench.gps_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS
 from spoofbench.recording import Recording, Table
 from spoofbench_converters.table.earth import earth_centred
 from spoofbench_converters.table.fields import ECEF, FieldSpec, TimeSpec
 from spoofbench_converters.table.files import fits
 from spoofbench_converters.table.mapping import Mapping, TableSpec, TopicSpec, load_mapping
 from spoofbench_converters.table.telling import tell
-from spoofbench_converters.table.times import GPS_EPOCH_NS, SECOND_NS, WEEK_NS, gps_to_utc
+from spoofbench_converters.table.times import gps_to_utc
 from spoofbench_converters.table.topic import resolve
 
 Rows = NDArray[np.intp]

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.gps_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds
 from spoofbench_converters.table.fields import TimeSpec
-from spoofbench_converters.table.times import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds_at_utc, ns_per, offset_ns
+from spoofbench_converters.table.times import ns_per, offset_ns
 
 
 def tell(spec: TimeSpec, utc_ns: NDArray[np.int64]) -> dict[str, Any]:
@@ -15,7 +16,7 @@ def tell(spec: TimeSpec, utc_ns: NDArray[np.int64]) -> dict[str, Any]:
 
     own_ns = utc_ns
     if spec.scale == "gps":
-        own_ns = utc_ns + (leap_seconds_at_utc(utc_ns) if spec.leap_seconds is None else spec.leap_seconds) * SECOND_NS
+        own_ns = utc_ns + (leap_seconds(utc_ns) if spec.leap_seconds is None else spec.leap_seconds) * SECOND_NS
     elif spec.unit is None or spec.of_day or spec.date is not None:
         own_ns = utc_ns + offset_ns(spec)
     if spec.unit is None:

@@ -8,33 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.gps_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds_at_gps
 from spoofbench_converters.table.cells import Bools, numbers, words
 from spoofbench_converters.table.counting import LIMIT_NS, counts
 from spoofbench_converters.table.fields import TimeSpec
 
-SECOND_NS = 1_000_000_000
-DAY_NS = 86_400 * SECOND_NS
-WEEK_NS = 7 * DAY_NS
-GPS_EPOCH_NS = 315_964_800 * SECOND_NS
-
-# The days from whose beginning UTC was one more second behind GPS time (IERS Bulletin C).
-_LEAPS = (
-    "1981-07-01 1982-07-01 1983-07-01 1985-07-01 1988-01-01 1990-01-01 1991-01-01 1992-07-01 1993-07-01 "
-    "1994-07-01 1996-01-01 1997-07-01 1999-01-01 2006-01-01 2009-01-01 2012-07-01 2015-07-01 2017-01-01"
-)
-_LEAP_UTC_NS = np.array(_LEAPS.split(), "datetime64[ns]").astype(np.int64)
-_LEAP_GPS_NS = _LEAP_UTC_NS + np.arange(1, _LEAP_UTC_NS.size + 1) * SECOND_NS
 _ZONED = r"[0-9](Z|z|[+-][0-9]{2}(:?[0-9]{2})?)$"
-
-
-def leap_seconds_at_utc(utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return GPS time minus UTC in seconds at times in UTC, ``(n,)``."""
-    return np.searchsorted(_LEAP_UTC_NS, utc_ns, "right")
 
 
 def gps_to_utc(gps_ns: NDArray[np.int64], leap_seconds: int | None = None) -> NDArray[np.int64]:
     """Return UTC of times of the GPS scale written as if they were Unix time, ``(n,)``."""
-    leaps = np.searchsorted(_LEAP_GPS_NS, gps_ns, "right") if leap_seconds is None else leap_seconds
+    leaps = leap_seconds_at_gps(gps_ns - GPS_EPOCH_NS) if leap_seconds is None else leap_seconds
     return np.asarray(gps_ns - leaps * SECOND_NS)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from spoofbench.converting import Columns
 from spoofbench.errors import LimitError
+from spoofbench.gps_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds
 from spoofbench.recording import Column, Table
 from spoofbench.schema import KINDS
 from spoofbench_converters.table import cells
@@ -16,7 +17,7 @@ from spoofbench_converters.table.cells import Bools
 from spoofbench_converters.table.earth import geodetic
 from spoofbench_converters.table.fields import ECEF, FieldSpec, TimeSpec, enum_numbers
 from spoofbench_converters.table.mapping import TopicSpec
-from spoofbench_converters.table.times import GPS_EPOCH_NS, SECOND_NS, WEEK_NS, Clock, leap_seconds_at_utc
+from spoofbench_converters.table.times import Clock
 
 MAX_WORD_OCTETS = 2**24
 _FLAGS = {"true": 1, "false": 0, "t": 1, "f": 0, "yes": 1, "no": 0, "1": 1, "0": 0}
@@ -207,7 +208,7 @@ class Topic:
         if name == "receive_time_ns":
             columns |= {f"{self.key}{name}": time_ns, f"{self.key}{name}?": ~bad}
         else:
-            leaps = leap_seconds_at_utc(time_ns) if spec.leap_seconds is None else spec.leap_seconds
+            leaps = leap_seconds(time_ns) if spec.leap_seconds is None else spec.leap_seconds
             gps_ns = time_ns + leaps * SECOND_NS - GPS_EPOCH_NS
             bad = bad | (gps_ns < 0)
             columns |= {
