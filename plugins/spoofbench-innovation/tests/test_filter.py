@@ -19,6 +19,7 @@ from spoofbench.testing import drive
 
 Array = np.ndarray[Any, Any]
 TOLERANCE = 1e-9
+OFFSET = 5 * GRADES["automotive"].gyro_bias_radps
 
 
 def close(ours: Array, theirs: Array) -> None:
@@ -93,7 +94,7 @@ def test_a_recording_against_filterpy() -> None:
     recording = drive(3, 240.0)
     measured, found = monitor.filtered(recording)
     configuration = filtering.Settings(monitor.imu_errors, 100_000_000, monitor.restart_s)
-    trajectory = nominal(recording.primary("imu"), measured.time_ns, configuration.lag_ns, configuration.restart_s)
+    trajectory = nominal(recording.primary("imu"), measured.time_ns, configuration.lag_ns, configuration.restart_s, OFFSET)
     (start,) = alignment.starts(measured, trajectory)
     expected, covariance = _by_filterpy(measured, trajectory, start, configuration.grade)
     assert len(expected) > 150

@@ -15,6 +15,7 @@ from spoofbench.testing import drive
 from spoofbench.testing.motion import make_motion
 
 FLOOR = (1.5, 3.0, 0.05, 0.1)
+OFFSET = 0.005
 
 
 def pvt(rows: int = 6, **columns: Any) -> Table:
@@ -88,7 +89,7 @@ def test_alignment_finds_the_heading_whatever_the_mounting(seed: int, gnss_hz: f
     table = recording.primary("gnss/pvt")
     angle = rng.uniform(-np.pi, np.pi)
     turned = np.exp(1j * angle) * (table["vel_n_mps"] + 1j * table["vel_e_mps"])
-    trajectory = nominal(recording.primary("imu"), table.time_ns, 0, 60.0)
+    trajectory = nominal(recording.primary("imu"), table.time_ns, 0, 60.0, OFFSET)
     (start,) = alignment.starts(measurements(table, FLOOR, False), trajectory)
     (other,) = alignment.starts(measurements(table.replace(vel_n_mps=turned.real, vel_e_mps=turned.imag), FLOOR, False), trajectory)
     assert other.epoch == start.epoch
@@ -102,7 +103,7 @@ def test_alignment_is_within_its_claimed_precision() -> None:
         recording = drive(seed, 120.0, flaws=False)
         table = recording.primary("gnss/pvt")
         found = measurements(table, FLOOR, False)
-        trajectory = nominal(recording.primary("imu"), table.time_ns, 0, 60.0)
+        trajectory = nominal(recording.primary("imu"), table.time_ns, 0, 60.0, OFFSET)
         (start,) = alignment.starts(found, trajectory)
         forward = trajectory.attitude[trajectory.epoch[start.epoch], :, 0]
         heading = start.azimuth_rad + np.arctan2(forward[1], forward[0])
@@ -115,6 +116,6 @@ def test_no_alignment_without_motion_or_with_another_motion() -> None:
     parked, other = drive(0, 60.0, flaws=False), drive(1, 60.0, flaws=False)
     table, imu = parked.primary("gnss/pvt"), parked.primary("imu")
     still = table.until(int(table.time_ns[8]))
-    assert not list(alignment.starts(measurements(still, FLOOR, False), nominal(imu, still.time_ns, 0, 60.0)))
-    foreign = nominal(other.primary("imu"), table.time_ns, 0, 60.0)
+    assert not list(alignment.starts(measurements(still, FLOOR, False), nominal(imu, still.time_ns, 0, 60.0, OFFSET)))
+    foreign = nominal(other.primary("imu"), table.time_ns, 0, 60.0, OFFSET)
     assert not list(alignment.starts(measurements(table, FLOOR, False), foreign))

@@ -9,12 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from spoofbench_innovation.nominal import nominal
-from spoofbench_innovation.preintegration import LONGEST_SILENCE_S, SILENCE_S, increments, rotations
+from spoofbench_innovation.preintegration import LONGEST_SILENCE_S, SILENCE_S, increments, rotation_vectors, rotations
 
 from spoofbench.recording import Table
 from spoofbench.testing import drive
 
 Array = np.ndarray[Any, Any]
+OFFSET = 0.005
 NAMES = [f"{sensor}_{axis}_{unit}" for sensor, unit in (("accel", "mps2"), ("gyro", "radps")) for axis in "xyz"]
 
 
@@ -62,7 +63,9 @@ def test_increments_against_a_loop(seed: int, rate_hz: float) -> None:
 @given(st.integers(0, 2**32 - 1))
 def test_rotations_are_scipys(seed: int) -> None:
     angles = np.random.default_rng(seed).normal(0, 1, (20, 3)) * np.logspace(-9, 0.5, 20)[:, None]
+    angles[np.linalg.norm(angles, axis=1) > 3] /= 10
     np.testing.assert_allclose(rotations(angles), Rotation.from_rotvec(angles).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(rotation_vectors(rotations(angles)), angles, atol=1e-6)
 
 
 @pytest.mark.parametrize("gnss_hz", [1.0, 10.0])
@@ -70,7 +73,7 @@ def test_the_nominal_attitude_is_level_and_feels_the_motion(gnss_hz: float) -> N
     """In the wander frame gravity is down within a few degrees, whatever the vehicle does; durations add up."""
     recording = drive(2, 240.0, gnss_hz, flaws=False)
     epochs = recording.primary("gnss/pvt").time_ns
-    found = nominal(recording.primary("imu"), epochs, 0, 60.0)
+    found = nominal(recording.primary("imu"), epochs, 0, 60.0, OFFSET)
     assert found.duration_s.sum() == pytest.approx((epochs[-1] - epochs[0]) * 1e-9)
     assert (found.run == found.run[-1]).all()
     settled = found.velocity_mps[30:] / found.duration_s[30:, None]
@@ -83,14 +86,25 @@ def test_long_intervals_are_cut_and_gaps_part_runs() -> None:
     recording = drive(2, 120.0, flaws=False)
     table = recording.primary("imu")
     epochs = recording.primary("gnss/pvt").time_ns[::7]
-    found = nominal(table, epochs, 0, 60.0)
+    found = nominal(table, epochs, 0, 60.0, OFFSET)
     assert found.duration_s.max() <= 1.5
     np.testing.assert_allclose(np.cumsum(found.duration_s)[found.epoch[1:]], (epochs[1:] - epochs[0]) * 1e-9)
-    parted = nominal(table, epochs, 0, 5.0)
+    parted = nominal(table, epochs, 0, 5.0, OFFSET)
     assert (parted.run == -1).all()
     hole = table.take((table.time_ns < epochs[5]) | (table.time_ns > epochs[5] + 4_000_000_000))
-    assert np.unique(nominal(hole, epochs, 0, 60.0).run).size == 3
+    assert np.unique(nominal(hole, epochs, 0, 60.0, OFFSET).run).size == 3
     short = table.take((table.time_ns < epochs[5]) | (table.time_ns > epochs[5] + 2_000_000_000))
-    bridged = nominal(short, epochs, 0, 60.0)
+    bridged = nominal(short, epochs, 0, 60.0, OFFSET)
     assert np.unique(bridged.run).size == 1
     assert bridged.silent_s.sum() == pytest.approx(2.0, abs=0.02)
+
+
+def test_an_offset_of_the_gyros_does_not_tilt_the_nominal_attitude() -> None:
+    """One degree per second would tilt it by half a right angle within a minute; the azimuth is free and may drift."""
+    recording = drive(3, 240.0, flaws=False)
+    table, epochs = recording.primary("imu"), recording.primary("gnss/pvt").time_ns
+    offset = {f"gyro_{axis}_radps": table[f"gyro_{axis}_radps"] + np.radians(1.0) for axis in "xyz"}
+    up, other = (nominal(each, epochs, 0, 60.0, 0.06).attitude[30:, 2] for each in (table, table.replace(**offset)))
+    assert np.degrees(np.linalg.norm(up - other, axis=1)).max() < 10
+    untold = nominal(table.replace(**offset), epochs, 0, 60.0, 1e-6).attitude[30:, 2]
+    assert np.degrees(np.linalg.norm(up - untold, axis=1)).max() > 20

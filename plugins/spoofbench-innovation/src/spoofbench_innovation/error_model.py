@@ -83,13 +83,14 @@ def silence(silent_s: Floats) -> Floats:
 def free_motion(trajectory: Nominal, transition: Floats) -> Floats:
     """Return what moves the states without noise, as five columns per step, ``(n, 15, 5)``.
 
-    The first column is what the IMU measured, and the levelling; to be multiplied by 1. The second by gravity, m/s^2. The last three
-    by the rotation of the Earth in the wander frame, rad/s, which the gyros measure and the level frame does not have.
+    The first column, to be multiplied by 1, is what the IMU measured and how the attitude was corrected. The second is to be multiplied
+    by gravity, m/s^2, the last three by the rotation of the Earth in the wander frame, rad/s, which the gyros measure and the level
+    frame does not have.
     """
     time = trajectory.duration_s
     columns = np.zeros((time.size, STATES, 5))
     columns[:, POSITION, 0], columns[:, VELOCITY, 0] = trajectory.position_m, trajectory.velocity_mps
-    columns[:, ATTITUDE, 0] = -trajectory.levelling_rad
+    columns[:, ATTITUDE, 0] = -trajectory.correction_rad
     columns[:, 2, 1], columns[:, 5, 1] = time**2 / 2, time
     half = -time[:, None, None] / 2 * np.eye(3)
     columns[:, :, 2:] = transition[:, :, ATTITUDE] @ half

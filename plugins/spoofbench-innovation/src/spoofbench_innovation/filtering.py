@@ -92,7 +92,8 @@ class _Same:
 
 @lru_cache(maxsize=2)
 def _modelled(imu: _Same, epoch_ns: bytes, settings: Settings) -> tuple[Nominal, Floats, Floats]:
-    trajectory = nominal(imu.table, np.frombuffer(epoch_ns, np.int64), settings.lag_ns, settings.restart_s)
+    times, offset = np.frombuffer(epoch_ns, np.int64), 5 * settings.grade.gyro_bias_radps
+    trajectory = nominal(imu.table, times, settings.lag_ns, settings.restart_s, offset)
     return trajectory, *error_model.model(trajectory, settings.grade)
 
 

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.recording import Table
-from spoofbench_innovation.preintegration import Increments, increments, rotations
+from spoofbench_innovation.preintegration import Increments, increments, rotation_vectors, rotations
 
 Floats = NDArray[np.float64]
 
 STEP_S = 1.0  # longer intervals between epochs are cut into such steps
-LEVELLING_S = 30.0  # time constant with which the accelerometer levels the gyros' attitude
+LEVELLING_S = 60.0  # time constant with which the accelerometer levels the gyros' attitude
+BIAS_S = 60.0  # time constant of the gyros' offset that is taken out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +32,7 @@ class Nominal:
         attitude: mean over the step of the rotation from body to wander frame, ``(n, 3, 3)``.
         velocity_mps: gained by specific force, wander frame, ``(n, 3)``.
         position_m: likewise, ``(n, 3)``.
-        levelling_rad: rotation that levelled the attitude at the end of the step, wander frame, ``(n, 3)``.
+        correction_rad: rotation by which the attitude was corrected at the end of the step, wander frame, ``(n, 3)``.
     """
 
     epoch: NDArray[np.intp]
@@ -41,7 +42,7 @@ class Nominal:
     attitude: Floats
     velocity_mps: Floats
     position_m: Floats
-    levelling_rad: Floats
+    correction_rad: Floats
 
     def between(self, steps: slice) -> "Nominal":
         """Return these steps, without epochs."""
@@ -53,11 +54,11 @@ class Nominal:
             self.attitude[steps],
             self.velocity_mps[steps],
             self.position_m[steps],
-            self.levelling_rad[steps],
+            self.correction_rad[steps],
         )
 
 
-def nominal(imu: Table, epoch_ns: NDArray[np.int64], lag_ns: int, restart_s: float) -> Nominal:
+def nominal(imu: Table, epoch_ns: NDArray[np.int64], lag_ns: int, restart_s: float, offset_radps: float) -> Nominal:
     """Return the nominal trajectory between epochs.
 
     Args:
@@ -65,10 +66,11 @@ def nominal(imu: Table, epoch_ns: NDArray[np.int64], lag_ns: int, restart_s: flo
         epoch_ns: times of the epochs, increasing, ``(m,)``.
         lag_ns: how late the epochs are.
         restart_s: a longer interval between epochs starts a new run; at least 2.
+        offset_radps: largest rate that can be an offset of the gyros.
     """
     edges, epoch = _edges(epoch_ns - lag_ns, restart_s)
     steps = increments(imu, edges[:-1], edges[1:], 2 * STEP_S)
-    return _levelled(steps, epoch - 1)
+    return _chained(steps, epoch - 1, offset_radps)
 
 
 def _edges(epoch_ns: NDArray[np.int64], restart_s: float) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
@@ -81,24 +83,34 @@ def _edges(epoch_ns: NDArray[np.int64], restart_s: float) -> tuple[NDArray[np.in
     return np.concatenate([cut, epoch_ns[-1:]]), epoch
 
 
-def _levelled(steps: Increments, epoch: NDArray[np.intp]) -> Nominal:
-    """Chain the steps' rotations; the mean specific force, which is up on average, levels them."""
+def _chained(steps: Increments, epoch: NDArray[np.intp], offset_radps: float) -> Nominal:
+    """Chain the steps' rotations.
+
+    The mean specific force, which is up on average, levels the attitude; the mean of slow rates is taken for the gyros' offset. Neither
+    need be right: the filter is told of both corrections, and they only keep its errors small enough to be linear.
+    """
     size = steps.duration_s.size
-    start, level = np.tile(np.eye(3), (size, 1, 1)), np.zeros((size, 3))
+    start, correction = np.tile(np.eye(3), (size, 1, 1)), np.zeros((size, 3))
+    rate = rotation_vectors(steps.rotation) / steps.duration_s[:, None]
+    slow: list[bool] = np.less_equal(np.linalg.norm(rate, axis=1), offset_radps).tolist()
     run = np.cumsum(~steps.known & np.append(True, steps.known[:-1])) if size else np.zeros(0, np.intp)
     age, attitude = 0.0, np.eye(3)
+    slow_s, offset = 0.0, np.zeros(3)
     for k in range(size):
         if not steps.known[k]:
             age = 0.0
             continue
         if age == 0.0:
             attitude = _upright(steps.velocity_mps[k])
-        start[k] = attitude
+        start[k], step_s = attitude, steps.duration_s[k]
         force = attitude @ steps.velocity_mps[k]
-        age += steps.duration_s[k]
-        share = steps.duration_s[k] / min(age, LEVELLING_S)
-        level[k] = share * np.array([-force[1], force[0], 0.0]) / max(np.linalg.norm(force), 1e-9)
-        attitude = rotations(level[k]) @ attitude @ steps.rotation[k]
+        age += step_s
+        if slow[k]:
+            slow_s += step_s
+            offset = offset + step_s / min(slow_s, BIAS_S) * (rate[k] - offset)
+        levelled = step_s / min(age, LEVELLING_S) * np.array([-force[1], force[0], 0.0]) / max(np.linalg.norm(force), 1e-9)
+        correction[k] = levelled - attitude @ steps.mean_rotation[k] @ offset * step_s
+        attitude = rotations(correction[k]) @ attitude @ steps.rotation[k]
     return Nominal(
         epoch,
         np.where(steps.known, run, -1),
@@ -107,7 +119,7 @@ def _levelled(steps: Increments, epoch: NDArray[np.intp]) -> Nominal:
         start @ steps.mean_rotation,
         np.matvec(start, steps.velocity_mps),
         np.matvec(start, steps.position_m),
-        level,
+        correction,
     )
 
 

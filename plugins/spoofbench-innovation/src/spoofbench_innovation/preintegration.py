@@ -101,6 +101,15 @@ def rotations(angle_rad: Floats) -> Floats:
     return turn
 
 
+def rotation_vectors(turn: Floats) -> Floats:
+    """Return the rotation vectors of rotations by less than a half turn, ``(..., 3, 3)`` to ``(..., 3)``."""
+    twice_sine = np.stack(
+        [turn[..., 2, 1] - turn[..., 1, 2], turn[..., 0, 2] - turn[..., 2, 0], turn[..., 1, 0] - turn[..., 0, 1]], axis=-1
+    )
+    angle = np.arccos(np.clip((np.trace(turn, axis1=-2, axis2=-1) - 1) / 2, -1, 1))
+    return np.asarray(twice_sine / (2 * np.sinc(angle / np.pi)[..., None]))
+
+
 def cross_matrices(vector: Floats) -> Floats:
     """Return [v x] of each vector, ``(..., 3)`` to ``(..., 3, 3)``."""
     x, y, z = np.moveaxis(vector, -1, 0)
