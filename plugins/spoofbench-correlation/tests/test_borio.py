@@ -133,6 +133,9 @@ def test_attacked_stretches_have_the_imu_of_now_and_gnss_of_then() -> None:
 def test_a_session_too_short_for_two_windows_of_attack_has_none() -> None:
     short = session(3, 120)
     assert list(dict(statistics.cases(short, [short]))) == ["genuine"]
+    reasons = dict(statistics.outcomes(short, [short]))
+    assert reasons["replay-10s"] == "109 s can be attacked, less than two windows of 60 s"  # 120 epochs span 119 s
+    assert "less than the 300 s of history" in str(reasons["replay-300s"])
 
 
 @settings(max_examples=20)

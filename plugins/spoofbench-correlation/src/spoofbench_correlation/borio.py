@@ -48,11 +48,12 @@ def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> 
     """Write all tables and pictures; ``data`` holds the logs of further vehicles, without which the drive stands alone."""
     found, left_out = sessions(data, quick, lambda share: progress(0.5 * share))
     with_imu = [session for session in found if session.inertial]
-    values = all_values(found, lambda share: progress(0.5 + 0.2 * share))
+    values, made = all_values(found, lambda share: progress(0.5 + 0.2 * share))
     by_name = {session.name: session for session in found}
     drive = by_name.get("drive")
     tables = {
         "recordings": [_described(session) for session in found],
+        "cases": made,
         "statistics": summaries(values, by_name),
         "transfer": transfer(values),
         "settings": settings(with_imu),

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.attacks.contract import falsify, supply_of
+from spoofbench.attacks.contract import Attack, falsify, supply_of
 from spoofbench.attacks.replaying import Meacon, Replay
 from spoofbench.detecting import detect
 from spoofbench.errors import NotApplicable
@@ -60,23 +60,28 @@ def series_of(recording: Recording, statistic: str, window_s: float, **parameter
     return Series(time_s, 1 - decisions.score[decisions.available] * (1 - detector.threshold))
 
 
-def cases(session: Session, all_sessions: Sequence[Session]) -> Iterator[tuple[str, Recording]]:
-    """Yield the genuine recording and its falsified stretches, each under attack from end to end.
+def outcomes(session: Session, all_sessions: Sequence[Session]) -> Iterator[tuple[str, Recording | str]]:
+    """Yield the genuine recording and its falsified stretches, each under attack from end to end, or why there is none.
 
     A replay is the receiver's own past; meaconing takes another recording of the group, or where there is none another vehicle's.
     """
-    clean = session.recording
-    yield "genuine", clean
+    yield "genuine", session.recording
     for delay_s in DELAYS_S:
-        yield from _attacked(f"replay-{delay_s}s", "replay", Replay(float(delay_s)), session, ())
+        yield f"replay-{delay_s}s", _attacked("replay", Replay(float(delay_s)), session, ())
     group = [other for other in all_sessions if other.log.group == session.log.group and other is not session]
     wanted = OTHER_VEHICLES.get(session.name, "drive")
     for donor in group or [other for other in all_sessions if other.name == wanted]:
-        yield from _attacked(f"meacon-{donor.name}", "meacon", Meacon(), session, (donor.recording,))
+        yield f"meacon-{donor.name}", _attacked("meacon", Meacon(), session, (donor.recording,))
 
 
-def _attacked(case: str, name: str, attack: Any, session: Session, donors: Sequence[Recording]) -> Iterator[tuple[str, Recording]]:
-    """Yield nothing where the attack leaves less than two windows, or cannot be made."""
+def cases(session: Session, all_sessions: Sequence[Session]) -> Iterator[tuple[str, Recording]]:
+    """Yield the outcomes that are recordings."""
+    for case, outcome in outcomes(session, all_sessions):
+        if isinstance(outcome, Recording):
+            yield case, outcome
+
+
+def _attacked(name: str, attack: Attack, session: Session, donors: Sequence[Recording]) -> Recording | str:
     clean = session.recording
     try:
         window = supply_of(attack, clean, donors)
@@ -85,22 +90,25 @@ def _attacked(case: str, name: str, attack: Any, session: Session, donors: Seque
             start_ns = int(clean.primary("gnss/pvt").time_ns[0])
             window = Interval(start_ns, min(window.end_ns, start_ns + int(epochs[-1] - epochs[0]) + 1))
         if window.duration_s < 2 * session.window_s:
-            return
-        yield case, falsify(name, attack, clean, window, 0, donors).between(window.start_ns, window.end_ns)
-    except NotApplicable:
-        return
+            return f"{window.duration_s:.0f} s can be attacked, less than two windows of {session.window_s:g} s"
+        return falsify(name, attack, clean, window, 0, donors).between(window.start_ns, window.end_ns)
+    except NotApplicable as error:
+        return str(error)
 
 
-def all_values(sessions: Sequence[Session], progress: Callable[[float], None]) -> dict[tuple[str, str, str], Series]:
-    """Return the values of each statistic for each session with an IMU and each case."""
+def all_values(sessions: Sequence[Session], progress: Callable[[float], None]) -> tuple[dict[tuple[str, str, str], Series], list[Row]]:
+    """Return the values of each statistic for each session with an IMU and each case, and per case null or why it could not be made."""
     found: dict[tuple[str, str, str], Series] = {}
+    rows = []
     for number, session in enumerate(sessions):
         progress(number / len(sessions))
         if session.inertial:
-            for case, recording in cases(session, sessions):
-                for statistic in STATISTICS:
-                    found[session.name, case, statistic] = series_of(recording, statistic, session.window_s)
-    return found
+            for case, outcome in outcomes(session, sessions):
+                rows.append({"recording": session.name, "case": case, "left_out": outcome if isinstance(outcome, str) else None})
+                if isinstance(outcome, Recording):
+                    for statistic in STATISTICS:
+                        found[session.name, case, statistic] = series_of(outcome, statistic, session.window_s)
+    return found, rows
 
 
 def bootstrap(series: Series, window_s: float, measure: Callable[[Floats], float]) -> tuple[float | None, float | None]:
