@@ -28,12 +28,13 @@ MAX_SOURCES = 16
 _TICKS = (1 << 23) - 1  # the top bit is the direction
 
 _RAW_BITS, _RAW_TICK_NS = 24, 39_062.5
-"""The counter of ESF-RAW, which no interface description tells: SENSORTIME of the Bosch BMI160 in u-blox M8 receivers (its data sheet)."""
-_RAW_TICKS_PER_MS = MS_NS / _RAW_TICK_NS
+"""The counter of ESF-RAW, which no interface description tells: SENSORTIME of the Bosch BMI160 in u-blox M8 receivers (its data sheet).
+A receiver's own was 0.3 % slow, so it counts within a message alone: from one to the next the milliseconds since start-up count, in the
+field that the descriptions reserve, if they are there."""
 
 TICK_BASIS = {
     "ESF-MEAS": "1 ms, as receivers stamp their own sensors; not documented",
-    "ESF-RAW": f"{_RAW_TICK_NS / 1e3:g} us, of the BMI160 in u-blox M8 receivers; not documented",
+    "ESF-RAW": f"1 ms of each message's reserved field, within it {_RAW_TICK_NS / 1e3:g} us, of the BMI160; not documented",
 }
 """How long a tick of each message is taken to be, and why."""
 
@@ -42,27 +43,25 @@ TICK_BASIS = {
 class _Counter:
     """A counter that wraps, unwrapped as far as it has been read."""
 
+    bits: int = 32
     last: int | None = None
     total: int = 0
-    clock_ms: int = 0
 
-    def unwrap(self, values: Ints, bits: int, clock_ms: Ints | None = None) -> Ints:
-        """Continue the count; a step is the nearest, or the one nearest to what a slower clock tells of it."""
-        before = int(values[0]) if self.last is None else self.last
-        turn = 1 << bits
-        steps = np.diff(values, prepend=before) % turn
-        expected = np.zeros(values.size)
-        if clock_ms is not None:
-            start = int(clock_ms[0]) if self.last is None else self.clock_ms
-            elapsed = (np.diff(clock_ms, prepend=start) + (1 << 31)) % (1 << 32) - (1 << 31)
-            expected = elapsed * _RAW_TICKS_PER_MS
-            self.clock_ms = int(clock_ms[-1])
-        steps += turn * np.rint((expected - steps) / turn).astype(np.int64)
+    def unwrap(self, values: Ints) -> Ints:
+        """Continue the count; a step is the nearest."""
+        if not values.size:
+            return values
         if self.last is None:
-            self.total = before
-        counts = self.total + np.cumsum(steps)
+            self.last = self.total = int(values[0])
+        counts = self.total + np.cumsum(_nearest(np.diff(values, prepend=self.last), self.bits))
         self.last, self.total = int(values[-1]), int(counts[-1])
         return np.asarray(counts)
+
+
+def _nearest(steps: Ints, bits: int) -> Ints:
+    """Return steps of a counter of so many bits as the nearest to 0 that they may be."""
+    half = 1 << bits - 1
+    return np.asarray((steps + half) % (2 * half) - half)
 
 
 class Sensors:
@@ -71,6 +70,7 @@ class Sensors:
     def __init__(self) -> None:
         self.sources: dict[tuple[str, int], str] = {}
         self._counters: dict[tuple[str, int], _Counter] = {}
+        self._raw_tags = _Counter(_RAW_BITS)
 
     def rows(self, batch: Batch) -> list[Rows]:
         """Return the rows of a batch.
@@ -116,7 +116,7 @@ class Sensors:
         ends = np.ones(place.size, bool)
         ends[:-1] = place[1:] != place[:-1]
         data = ~(ends & (picked.head["flags"][place] & 8 > 0))  # a last word may be the time tag in the receiver's clock
-        ticks = self._counters[key].unwrap(picked.head["timeTag"].astype(np.int64), 32) * MS_NS
+        ticks = self._counters[key].unwrap(picked.head["timeTag"].astype(np.int64)) * MS_NS
         place = place[data]
         return _rows(batch, self.sources[key], picked.frames[place], ticks[place], blocks["data"][data])
 
@@ -126,8 +126,15 @@ class Sensors:
         if not blocks.size:
             return []
         tags = blocks["sTtag"].astype(np.int64) & ((1 << _RAW_BITS) - 1)
-        count = self._counters[key].unwrap(tags, _RAW_BITS, picked.head["msss"][place].astype(np.int64))
-        ticks = np.rint(count * _RAW_TICK_NS).astype(np.int64)
+        first = np.flatnonzero(np.diff(place, prepend=-1))
+        message = np.cumsum(np.diff(place, prepend=-1) > 0) - 1
+        clock_ms = picked.head["msss"][place[first]].astype(np.int64)
+        told = clock_ms > 0
+        start_ns = np.zeros(first.size, np.int64)
+        start_ns[told] = self._counters[key].unwrap(clock_ms[told]) * MS_NS
+        start_ns[~told] = np.rint(self._raw_tags.unwrap(tags[first][~told]) * _RAW_TICK_NS)
+        since = _nearest(tags - tags[first][message], _RAW_BITS)
+        ticks = start_ns[message] + np.rint(since * _RAW_TICK_NS).astype(np.int64)
         return _rows(batch, self.sources[key], picked.frames[place], ticks, blocks["data"])
 
 
