@@ -146,3 +146,25 @@ def test_a_mapping_that_is_not_sound_says_so(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(MAPPING.replace("accel_x_mps2", "acel_x_mps2"))
     code, _, err = convert("mine.toml", "-o", "a.mcap", cwd=tmp_path)
     assert (code, "acel_x_mps2" in err) == (1, True)
+
+
+def test_a_mapping_beside_its_files_is_their_session(tmp_path: Path) -> None:
+    """The whole of them, packed or not, is accounted for and digested."""
+    (tmp_path / "mine.toml").write_text(MAPPING.replace("[table.log]", '[table.log]\nfiles = "*.csv*"'))
+    (tmp_path / "a.csv").write_text("t,ax\n1,2\n")
+    (tmp_path / "b.csv.gz").write_bytes(gzip.compress(b"t,ax\n3,4\n5,6\n" * 200)[:-9])
+    (tmp_path / "notes.txt").write_text("nothing")
+    for convertible in (tmp_path / "mine.toml", Path("mine.toml")):
+        code, out, err = convert(convertible, "-o", "out.mcap", "--json", cwd=tmp_path)
+        assert (code, err) == (0, "")
+        (row,) = rows(out).values()
+        assert "the packing is damaged: what follows could not be unpacked" in row["ledger"]["reasons"]
+        assert row["ledger"]["rows"]["/imu0/imu"] >= 3
+    digests = {read(tmp_path / "out.mcap").metadata["origin"]["sha256"]}
+    for name in ("a.csv", "mine.toml"):
+        (tmp_path / name).write_text((tmp_path / name).read_text() + "\n")
+        assert convert("mine.toml", "-o", "out.mcap", cwd=tmp_path)[0] == 0
+        origin = read(tmp_path / "out.mcap").metadata["origin"]
+        assert int(origin["size"]) == sum((tmp_path / each).stat().st_size for each in ("mine.toml", "a.csv", "b.csv.gz"))
+        digests.add(origin["sha256"])
+    assert len(digests) == 3

@@ -4,7 +4,7 @@ import fnmatch
 import io
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import IO, Literal
@@ -104,15 +104,16 @@ def _is_plain(file: IO[bytes]) -> bool:
     return isinstance(file, io.BufferedReader) and isinstance(file.raw, io.FileIO)
 
 
-def files_of(source: Source, patterns: Sequence[str] | None = None) -> list[File]:
-    """Return the files of a log, those that fit a pattern if there are patterns; of a hidden one no head is read."""
+def files_of(source: Source) -> list[File]:
+    """Return the files of a log."""
     members = source.members()
-    if not members:
-        return [File(source.path.name, source, source.head)]
+    return files_in(members) if members else [File(source.path.name, source, source.head)]
+
+
+def files_in(members: Mapping[str, Member]) -> list[File]:
+    """Return members as files; of a hidden one no head is read."""
     found = []
     for name, member in members.items():
-        if patterns is not None and not any(fits(name, pattern) for pattern in patterns):
-            continue
         found.append(File(name, member, b""))
         if not found[-1].is_hidden:
             with member.open() as file:

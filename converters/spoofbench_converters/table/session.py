@@ -6,7 +6,7 @@ from functools import cache
 
 from spoofbench.converting import Source
 from spoofbench.errors import ConversionError
-from spoofbench_converters.table.files import File, array_name, files_of, fits
+from spoofbench_converters.table.files import File, array_name, files_in, files_of, fits
 from spoofbench_converters.table.mapping import Mapping, TableSpec, load_mapping, ready_names
 from spoofbench_converters.table.reading import columns_of, least_width, required_columns
 from spoofbench_converters.table.text import read_head
@@ -43,7 +43,11 @@ def open_session(source: Source, given: str | None) -> Session:
     """
     own = mapping_of(source)
     if own is not None:
-        return _session(own, files_of(Source(source.path.parent, b""), _patterns(own)), is_lone=False)
+        patterns = _patterns(own)
+        files = files_in(source.beside(lambda name: any(fits(name, pattern) for pattern in patterns)))
+        if not files:
+            raise ConversionError(f"beside the mapping {source.path.name!r} lies none of the 'files' of its tables: {patterns}")
+        return _session(own, files, is_lone=False)
     files = files_of(source)
     if given is not None:
         session = _session(load_mapping(given), files, is_lone=not source.members())

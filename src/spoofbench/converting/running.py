@@ -69,6 +69,8 @@ def convert(
             run.close(plugin, log)
             if not run.ledger.rows:
                 raise ConversionError(f"{source.name!r} gave no rows: {_why(run.ledger)}")
+            if log.tally.beside:
+                digest = pool.submit(_digest, source, tuple(log.tally.beside.values()))
             origin = {"file": source.name, **_digested(digest), **_made_by(plugin, converter, chosen)}
             writer.describe(run.metadata(origin))
     if progress:
@@ -233,16 +235,20 @@ def _digested(digest: "Future[tuple[int, str]]") -> dict[str, str]:
     return {"size": str(size), "sha256": sha256}
 
 
-def _digest(source: Path) -> tuple[int, str]:
-    """Return size and SHA-256 of a file; of a folder, those of the sorted lines ``<sha256>  <size>  <path>`` of its files."""
-    if source.is_file():
+def _digest(source: Path, beside: Sequence[Path] = ()) -> tuple[int, str]:
+    """Return size and SHA-256 of a file; of a folder, or of a file with others beside it, those of sorted lines.
+
+    A line is ``<sha256>  <size>  <path>`` of a file.
+    """
+    if source.is_file() and not beside:
         with source.open("rb") as file:
             return source.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()
     total, lines = 0, []
-    for path in sorted(path for path in source.rglob("*") if path.is_file()):
+    folder, paths = (source, source.rglob("*")) if source.is_dir() else (source.parent, iter([source, *beside]))
+    for path in sorted(path for path in paths if path.is_file()):
         size, sha256 = _digest(path)
         total += size
-        lines.append(os.fsencode(f"{sha256}  {size}  {path.relative_to(source).as_posix()}\n"))
+        lines.append(os.fsencode(f"{sha256}  {size}  {path.relative_to(folder).as_posix()}\n"))
     return total, hashlib.sha256(b"".join(lines)).hexdigest()
 
 

@@ -1,7 +1,7 @@
 """What is to be converted: a file, a folder or an archive, read in bounded memory, unpacked where it is packed."""
 
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -95,12 +95,27 @@ class Source:
             raise LimitError(f"{self.path.name!r} holds {len(found):,} files, more than {MAX_MEMBERS:,}")
         return MappingProxyType({member.name: member for member in found})
 
+    def beside(self, is_wanted: Callable[[str], bool]) -> Mapping[str, "Member"]:
+        """Return the files in this file's folder and below whose paths in it are wanted: from then on they are the source's content.
+
+        For a file that is no log itself but says which files are, such as a mapping.
+
+        Raises:
+            LimitError: as :meth:`members`.
+        """
+        folder = Source(self.path.parent, b"", self.tally)
+        found = {name: member for name, member in folder.members().items() if member.path != self.path and is_wanted(name)}
+        self.tally.beside.update({name: member.path for name, member in found.items()})
+        return MappingProxyType(found)
+
     def size(self) -> int:
         """Return how many unpacked bytes there are; of members that were not read to their end, the declared size.
 
         Raises:
             ConversionError, LimitError: as :meth:`open` and :meth:`members`.
         """
+        if self.tally.beside:
+            return sum(self.tally.ended.get(name, path.stat().st_size) for name, path in self.tally.beside.items())
         if self.path.is_dir() or self.is_archive:
             return sum(self.tally.ended.get(member.name, member.size) for member in self.members().values())
         if packing_of(self.path) is None:

@@ -31,10 +31,12 @@ class Tally:
     Attributes:
         ended: unpacked bytes of the streams that were read to their end, or to where they are damaged.
         damage: why a stream ended early.
+        beside: where the files lie that a lone file names and that were made part of the source.
     """
 
     ended: dict[str, int] = field(default_factory=dict)
     damage: dict[str, str] = field(default_factory=dict)
+    beside: dict[str, Path] = field(default_factory=dict)
 
 
 def packing_of(path: Path) -> str | None:
