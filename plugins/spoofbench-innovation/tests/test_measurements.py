@@ -12,7 +12,6 @@ from spoofbench_innovation.nominal import nominal
 
 from spoofbench.recording import Table
 from spoofbench.testing import drive
-from spoofbench.testing.motion import make_motion
 
 FLOOR = (1.5, 3.0, 0.05, 0.1)
 OFFSET = 0.005
@@ -26,15 +25,21 @@ def pvt(rows: int = 6, **columns: Any) -> Table:
 
 
 def test_position_is_the_integral_of_velocity() -> None:
-    """Over 20 km, where one local frame would be some metres off, and over the antimeridian."""
-    motion = make_motion(np.random.default_rng(0), 2000.0)
-    rows = slice(0, None, 100)
-    lat, lon, height = motion.position[rows].T
-    travelled = np.cumsum((motion.velocity_mps[1:] + motion.velocity_mps[:-1]) * 0.005, axis=0)
-    for shifted in (lon, (lon - lon[len(lon) // 2] + 360) % 360 - 180):
-        found = measurements(pvt(lat.size, lat_deg=lat, lon_deg=shifted, height_m=height), FLOOR, False)
-        scale = np.linalg.norm(travelled, axis=1).max()
-        np.testing.assert_allclose(found.values[1:, :3], travelled[99::100][: lat.size - 1], atol=2e-3 * scale)
+    """Over 50 km to the north-east, where one local frame would be tens of metres off, and over the antimeridian."""
+    rcurve = pytest.importorskip("pymap3d.rcurve")
+    velocity, step_s, rows = np.array([40.0, 30.0, -0.1]), 1.0, 1000
+    lat, lon, height = [np.radians(48.0)], [np.radians(179.8)], [100.0]
+    for _ in range(rows - 1):
+        middle = lat[-1] + velocity[0] * step_s / 2 / (rcurve.meridian(lat[-1], deg=False) + height[-1])
+        up = height[-1] - velocity[2] * step_s / 2
+        lat.append(lat[-1] + velocity[0] * step_s / (rcurve.meridian(middle, deg=False) + up))
+        lon.append(lon[-1] + velocity[1] * step_s / ((rcurve.transverse(middle, deg=False) + up) * np.cos(middle)))
+        height.append(height[-1] - velocity[2] * step_s)
+    lon_deg = (np.degrees(lon) + 180) % 360 - 180
+    assert lon_deg.min() < -179
+    assert lon_deg.max() > 179
+    found = measurements(pvt(rows, lat_deg=np.degrees(lat), lon_deg=lon_deg, height_m=np.array(height)), FLOOR, False)
+    np.testing.assert_allclose(found.values[:, :3], np.outer(np.arange(rows) * step_s, velocity), atol=1e-3)
 
 
 def test_a_position_that_goes_and_comes_back_closes() -> None:
