@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from spoofbench_converters import phone
 
-from spoofbench.converting import Source
+from spoofbench.converting import Reject, Source
 from spoofbench.errors import ConversionError
 
 
@@ -43,6 +43,16 @@ def test_logs_that_are_one_file_each(tmp_path: Path, gnsslogger: Callable[..., b
     assert _sure(tmp_path) == 0
     assert _sure(tmp_path / "walk.txt") == _sure(tmp_path / "ride.csv") == 1
     assert "several logs, 'other.txt' and 'walk.txt'" in _refusal(tmp_path)
+
+
+def test_what_lies_beside_a_log_in_an_archive_is_told(tmp_path: Path, gnsslogger: Callable[..., bytes]) -> None:
+    with zipfile.ZipFile(tmp_path / "walk.zip", "w") as archive:
+        archive.writestr("walk.nmea", "$GPGGA")
+        archive.writestr("walk.txt", gnsslogger())
+    assert _sure(tmp_path / "walk.zip") == 1
+    items = phone.convert(Source.of(tmp_path / "walk.zip"), phone.Options())
+    (passed,) = [item for item in items if isinstance(item, Reject)]
+    assert (passed.length, passed.reason) == (6, "another file beside the log: not read, convert it by itself")
 
 
 def test_several_recordings_tables_beside_each_other(tmp_path: Path, phyphox: Callable[..., Path]) -> None:

@@ -16,7 +16,7 @@ from spoofbench_converters.phone.device import ACCEL, AXES, BODY, DEVICE_AXES, G
 from spoofbench_converters.phone.gnssform import ELAPSED, SENSORS, UNIX, UTC, Form
 from spoofbench_converters.phone.lines import Lines
 from spoofbench_converters.phone.options import Options
-from spoofbench_converters.phone.parts import Part, only, text_parts
+from spoofbench_converters.phone.parts import ANOTHER, Part, only, text_parts
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, WRONG_WIDTH, Sheet
 from spoofbench_converters.phone.streams import Stream, in_file_order, rejects, used
 
@@ -64,7 +64,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
             else:
                 yield lines
     yield from log.finish()
-    yield from (other.passed_over() for other in parts if other is not part)
+    yield from (other.passed_over(ANOTHER) for other in parts if other is not part)
 
 
 class _Log:

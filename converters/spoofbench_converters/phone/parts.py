@@ -14,6 +14,7 @@ from spoofbench_converters.phone.streams import used
 
 HEAD_BYTES = 2**16
 NO_KIND = "a file of no kind in the schema"
+ANOTHER = "another file beside the log: not read, convert it by itself"
 MOST_HEADS = 256
 _TEXT = re.compile(r"\.(csv|txt|tsv)(\.(gz|zst|bz2|xz))?$", re.IGNORECASE)
 

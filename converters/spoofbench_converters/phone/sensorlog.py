@@ -19,7 +19,7 @@ from spoofbench.errors import ConversionError
 from spoofbench_converters.phone import device
 from spoofbench_converters.phone.device import AXES, STANDARD_GRAVITY_MPS2, known
 from spoofbench_converters.phone.options import Options
-from spoofbench_converters.phone.parts import Form, Part, only, sheets, text_parts
+from spoofbench_converters.phone.parts import ANOTHER, Form, Part, only, sheets, text_parts
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
 from spoofbench_converters.phone.streams import REPEATED, Stream, in_file_order, rejects
 
@@ -140,7 +140,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     yield from log.finish()
     session = {"session_id": options.session} if options.session else {}
     yield Facts({"recording": {"clock": "sensor", "clock_basis": clock.basis, "boot_unix_ns": str(clock.offset_ns), **session}})
-    yield from (other.passed_over() for other in parts if other is not part)
+    yield from (other.passed_over(ANOTHER) for other in parts if other is not part)
 
 
 class Clock(NamedTuple):
