@@ -38,8 +38,8 @@ def test_values_and_bytes(convert_text: Convert) -> None:
     [
         (b"3,1,2\n", "another number of cells than the table has columns"),
         (b"3,1,2,3,4,5,6\n", "another number of cells than the table has columns"),
-        (b"3,1,x,3,\n", "a cell that is not what its column holds"),
-        (b"3,1,inf,3,\n", "a cell that is not what its column holds"),
+        (b"3,1,x,3,\n", "a cell of 'ay' that is not what the column holds"),
+        (b"3,1,inf,3,\n", "a cell of 'ay' that is not what the column holds"),
         (b",1,2,3,\n", "a time that is none"),
         (b"soon,1,2,3,\n", "a time that is none"),
         (b"3,,,,\n", "nothing in the columns that are mapped"),
@@ -168,6 +168,21 @@ def test_midnight_passes(convert_text: Convert) -> None:
     result = convert_text("t,ax,ay,az\n86399.5,1,2,3\n0.5,1,2,3\n", mapping, date="2020-01-01")
     assert np.diff(_times(result)).tolist() == [1_000_000_000]
     assert result.metadata["recording"]["reference_date"] == "2020-01-01"
+
+
+@pytest.mark.parametrize(("pattern", "cells"), [("%H%M%S.%f", "235959.5 000000.5"), ("%I:%M:%S.%f %p", "11:59:59.5_PM 12:00:00.5_AM")])
+def test_a_text_of_the_time_of_day_is_of_the_date_that_is_given(pattern: str, cells: str, convert_text: Convert) -> None:
+    mapping = MAPPING.replace('unit = "s"', f'format = "{pattern}"\nzone = "+01:00"')
+    log = "t,ax,ay,az\n" + "".join(f"{cell.replace('_', ' ')},1,2,3\n" for cell in ["x", *cells.split()])
+    result = convert_text(log, mapping, date="2020-01-01")
+    start = int(np.datetime64("2020-01-01T22:59:59.5", "ns").astype(np.int64))
+    assert _times(result) == [start, start + 1_000_000_000]
+    assert result.ledger.reasons == {"a time that is none": 8}
+
+
+def test_a_date_that_is_none_is_refused(convert_text: Convert) -> None:
+    with pytest.raises(ConversionError, match="2025-13-01"):
+        convert_text("t,ax,ay,az\n1,1,2,3\n", date="2025-13-01")
 
 
 def test_a_clock_without_date_says_so(convert_text: Convert) -> None:

@@ -30,15 +30,12 @@ def start_of(session: Session, date: str | None) -> tuple[int, dict[str, str]]:
     Raises:
         ConversionError: the date that the user gives is none; the anchor cannot be found.
     """
+    moment = None if date is None else _moment(date)
     relative = [table for table in session.tables() if table.time is not None and table.time.is_relative]
     if not relative:
         return 0, {}
     table, anchor = relative[0], session.mapping.anchor
-    if date is not None:
-        try:
-            moment = moment_ns(date)
-        except ValueError:
-            raise ConversionError(f"the date {date!r} must be written like 2025-07-08 or 2025-07-08T19:34:18.5") from None
+    if date is not None and moment is not None:
         assert table.time is not None
         return moment // DAY_NS * DAY_NS if table.time.of_day else moment - _first(session, table), {"reference_date": date}
     if anchor is not None and anchor.time is not None and session.files.get(anchor.table):
@@ -48,6 +45,13 @@ def start_of(session: Session, date: str | None) -> tuple[int, dict[str, str]]:
     if anchor is not None and session.tags is not None and session.files.get(anchor.table):
         return _by_tags(session, anchor), {"reference_date_basis": f"the time tags {session.tags.name!r}"}
     return 0, {"reference_date_basis": UNDATED}
+
+
+def _moment(date: str) -> int:
+    try:
+        return moment_ns(date)
+    except ValueError:
+        raise ConversionError(f"the date {date!r} must be written like 2025-07-08 or 2025-07-08T19:34:18.5") from None
 
 
 def _table(session: Session, name: str) -> TableSpec:

@@ -67,7 +67,7 @@ class TimeSpec:
         date_format: of the date where a number counts in its day: a pattern, else ``iso``.
         week: a column with the GPS week, whose second the number counts.
         since_ns: Unix time that the number counts from; None: when the clock was started, or a day that is given elsewhere.
-        of_day: whether the number counts from midnight.
+        of_day: whether the number counts from midnight, or the text has no date.
         scale: ``utc`` or ``gps``; a time of GPS is ahead by the leap seconds.
         zone: what a text without zone is in.
         leap_seconds: GPS minus UTC where the mapping declares it.
@@ -92,7 +92,7 @@ class TimeSpec:
     @property
     def is_relative(self) -> bool:
         """Whether the day must come from elsewhere."""
-        return self.unit is not None and self.since_ns is None and self.week is None and self.date is None
+        return (self.unit is not None or self.of_day) and self.since_ns is None and self.week is None and self.date is None
 
     def columns(self) -> tuple[str, ...]:
         return tuple(name for name in (self.column, self.date, self.week, *self.also) if name is not None)
@@ -112,6 +112,7 @@ def read_time(node: Node) -> TimeSpec:
         raise node.error(f"has the unit {unit.name!r}, which is no unit of time")
     date, week = node.text("date", "") or None, node.text("week", "") or None
     since_ns, of_day = _since(node, unit is not None, date, week)
+    of_day = of_day or (unit is None and date is None and _is_of_day(node.text("format")))
     return TimeSpec(
         column=node.text("column"),
         unit=unit,
@@ -145,6 +146,11 @@ def _since(node: Node, is_number: bool, date: str | None, week: str | None) -> t
         return moment_ns(given), False
     except ValueError:
         raise node.error(f"has since {given!r}, which must be unix, gps, matlab, week, day, start or a date such as 2000-01-01") from None
+
+
+def _is_of_day(pattern: str) -> bool:
+    """Whether times in a pattern of ``strptime`` have no date."""
+    return pattern != "iso" and not any(f"%{letter}" in pattern.replace("%%", "") for letter in "YyGcxDFsjdmbB")
 
 
 def moment_ns(text: str) -> int:

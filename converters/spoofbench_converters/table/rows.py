@@ -10,13 +10,14 @@ from spoofbench.converting.ordering import take
 from spoofbench.errors import ConversionError
 from spoofbench.recording import Table
 from spoofbench_converters.table.appending import Appending
+from spoofbench_converters.table.cells import Bools
 from spoofbench_converters.table.mapping import TableSpec
 from spoofbench_converters.table.text import Rows
 from spoofbench_converters.table.times import Clock
 from spoofbench_converters.table.topic import Topic, resolve
 
 _NO_TIME = "a time that is none"
-_BAD = "a cell that is not what its column holds"
+_BAD = "a cell of {!r} that is not what the column holds"
 _HELD = "repeated row"
 _NOTHING = "nothing in the columns that are mapped"
 _OTHER = "of no topic of the mapping"
@@ -96,17 +97,21 @@ class Topics:
             return {}, []
         time_ns, no_time = self._clock.read(rows.columns)
         columns: Columns = {"time_ns": time_ns, "offset": rows.offsets, "length": rows.lengths}
-        mine, bad, some, held = (np.zeros(count, bool) for _ in range(4))
+        mine, some, held, is_bad = (np.zeros(count, bool) for _ in range(4))
+        bad: dict[str, Bools] = {}
         for topic in self._topics:
             found = topic.read(rows.columns, count)
             columns |= found.columns
             mine |= found.mine
-            bad |= found.bad
+            for name, wrong in found.bad.items():
+                bad[name] = bad.get(name, False) | wrong
+                is_bad |= wrong
             some |= found.some
             held |= found.held
-        taken = some & ~bad & ~no_time
+        taken = some & ~is_bad & ~no_time
         rejects, left = [], ~taken
-        for reason, wrong in ((_OTHER, ~mine), (_BAD, bad), (_NO_TIME, no_time), (_HELD, held), (_NOTHING, ~some)):
+        wrongs = [(_BAD.format(name), wrong) for name, wrong in sorted(bad.items())]
+        for reason, wrong in ((_OTHER, ~mine), *wrongs, (_NO_TIME, no_time), (_HELD, held), (_NOTHING, ~some)):
             now = left & wrong
             if now.any():
                 rejects.append(Rejects(rows.offsets[now], rows.lengths[now], reason))

@@ -13,6 +13,7 @@ from spoofbench_converters.table.cells import Bools, numbers, words
 from spoofbench_converters.table.counting import LIMIT_NS, counts
 from spoofbench_converters.table.fields import TimeSpec
 
+_NO_DATE_NS = -2_208_988_800 * SECOND_NS  # 1900-01-01, the day of a text without a date
 _ZONED = r"[0-9](Z|z|[+-][0-9]{2}(:?[0-9]{2})?)$"
 
 
@@ -43,8 +44,11 @@ class Clock:
         spec = self.spec
         if spec.unit is None:
             time_ns, bad = _texts(spec, columns)
+            if spec.is_relative:
+                time_ns = np.where(bad, 0, time_ns - _NO_DATE_NS)
         else:
             time_ns, bad = self._counts(columns[spec.column])
+        if spec.unit is not None or spec.is_relative:
             if self._turn_ns:
                 time_ns = time_ns + self._turned(time_ns, bad)
             base_ns, base_bad = self._base(columns)

@@ -34,10 +34,10 @@ def resolve(name: str, available: Mapping[str, Any] | frozenset[str]) -> tuple[s
 
 @dataclass(slots=True)
 class Read:
-    """What a topic found: which rows are its own, wrong, say something, or only repeat; and its columns."""
+    """What a topic found: which rows are its own, wrong in a column of the table, say something, or only repeat; and its columns."""
 
     mine: Bools
-    bad: Bools
+    bad: dict[str, Bools]
     some: Bools
     held: Bools
     columns: Columns
@@ -63,18 +63,20 @@ class Topic:
         mine = self._mine(available, count)
         changed = self._changed(available, mine)
         columns: Columns = {}
-        bad, some = np.zeros(count, bool), np.zeros(count, bool)
+        bad: dict[str, Bools] = {}
+        some = np.zeros(count, bool)
         for field in self.spec.fields:
             wrong, there = self._field(field, available, count, columns)
-            bad |= wrong
             some |= there
+            if field.column is not None:
+                bad[field.column] = bad.get(field.column, False) | wrong
         for name, clock in self._clocks.items():
-            bad |= self._time(name, clock, available, columns)
+            bad[clock.spec.column] = bad.get(clock.spec.column, False) | self._time(name, clock, available, columns)
         held = mine & ~changed
         self.held += int(held.sum())
         row = mine & changed & some
         columns[f"{self.key}row"] = row
-        return Read(mine, bad & mine & changed, row, held, columns)
+        return Read(mine, {name: wrong & mine & changed for name, wrong in bad.items() if wrong.any()}, row, held, columns)
 
     def table(self, columns: Columns) -> Table:
         """Return rows as a table."""
