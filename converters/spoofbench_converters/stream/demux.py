@@ -19,7 +19,7 @@ from spoofbench_converters.stream.contract import ABSENT_NS, Frames
 from spoofbench_converters.stream.frames import Candidates, Checksum, Octets, Places
 from spoofbench_converters.stream.stamps import MAX_STAMP, Stamps
 
-PIECE_BYTES = 2 * 2**20
+PIECE_BYTES = 4 * 2**20
 RTCM = "RTCM 3 message: nothing in the schema"
 
 _REACH = frames.MAX_FRAME + 4 * MAX_STAMP
