@@ -37,6 +37,12 @@ def signals(nmea: ModuleType, *bodies: str) -> list[dict[str, Any]]:
     return found
 
 
+@pytest.mark.parametrize("none", ["0", "00", ""])
+def test_a_satellite_not_received_has_no_cn0(none: str, nmea: ModuleType) -> None:
+    rows = signals(nmea, f"GPGSV,1,1,02,01,10,020,{none},02,11,030,35", f"PUBX,03,01,7,-,123,10,{none},000")
+    assert [(row["svid"], row["cn0_dbhz"]) for row in rows] == [(1, None), (2, 35.0), (7, None)]
+
+
 def test_signal_ids_and_empty_fields(nmea: ModuleType) -> None:
     rows = signals(
         nmea,

@@ -100,8 +100,9 @@ def grs(read: Reader, named: Ints) -> tuple[Columns, Columns]:
 
 
 def _satellites(number: Ints, parts: list[NDArray[np.float64]], named: Ints, signal_id: Ints, used: Ints) -> Columns:
-    """One block of all sentences: those that give anything of a satellite."""
+    """One block of all sentences: those that give anything of a satellite. A C/N0 of 0 is that of one not received: absent."""
     constellation, svid = satellites.identify(named, number)
+    parts[2][parts[2] == 0] = np.nan
     columns: Columns = {
         "row": np.arange(named.size),
         "constellation": constellation,
