@@ -47,8 +47,8 @@ def sensitivity_cell(rows: Sequence[dict[str, Any]]) -> Cell:
     points = [row["difference_points"] for row in rows]
     kept = [row["choice"] for row in rows if not row["failing"]]
     return Cell(
-        f"Table 2 as a whole, mean absolute difference over {len(rows)} choices of what the paper leaves open, {JUDGED}, points",
+        f"Table 2 as a whole, mean absolute difference over choices of what the paper leaves open, {JUDGED}, points",
         None, points[0], min(points), max(points),
         "not reproduced" if max(points) > WANTED_POINTS else "matches after calibration",
-        f"wanted: at most {WANTED_POINTS:g}; all checks hold for: {', '.join(kept) or 'none'}; nothing was chosen by this",
+        f"{len(rows)} choices; wanted: at most {WANTED_POINTS:g}; all checks hold for: {', '.join(kept) or 'none'}; nothing was chosen by this",
     )  # fmt: skip
