@@ -72,6 +72,14 @@ def test_speed_and_course_stand_in_for_a_velocity() -> None:
     assert np.isnan(values[:, 5]).all()
 
 
+def test_height_above_mean_sea_level_stands_in_for_a_height() -> None:
+    height = np.array([10.0, 11, 12, 12, 12, 11])
+    found = measurements(pvt().replace(height_m=None, height_msl_m=height), FLOOR, False)
+    np.testing.assert_allclose(found.values[:, 2], 10 - height)
+    later = pvt().replace(height_m=np.array([np.nan, np.nan, 45, 45, 45, 45]), height_msl_m=height)
+    np.testing.assert_allclose(measurements(later, FLOOR, False).values[:, 2], 10 - height)
+
+
 def test_the_receivers_accuracy_counts_where_it_is_asked_for_and_worse() -> None:
     table = pvt(h_acc_m=np.full(6, 10.0), v_acc_m=np.full(6, 1.0), cov_vel_nn_m2ps2=np.full(6, 0.5), cov_vel_ee_m2ps2=np.full(6, 1.5))
     table = table.replace(cov_vel_dd_m2ps2=np.full(6, 1e-9))

@@ -94,6 +94,20 @@ def test_a_long_gap_starts_anew() -> None:
     assert not (bridged.alert | anew.alert).any()
 
 
+@pytest.mark.parametrize("statistic", ["windowed", "per-epoch"])
+def test_an_alert_does_not_outlast_its_memory(statistic: Any) -> None:
+    """After a minute of a track that is 300 m off and turned by a right angle."""
+    recording = drive(10, 900.0, flaws=False)
+    table = recording["/gnss0/gnss/pvt"]
+    off = (np.arange(len(table)) >= 200) & (np.arange(len(table)) < 260)
+    north, east = np.where(off, -table["vel_e_mps"], table["vel_n_mps"]), np.where(off, table["vel_n_mps"], table["vel_e_mps"])
+    moved = table.replace(vel_n_mps=north, vel_e_mps=east, lat_deg=table["lat_deg"] + 0.0027 * off)
+    monitor = replace(MONITOR, statistic=statistic)
+    alerts = np.flatnonzero(detect(monitor, recording.replace({"/gnss0/gnss/pvt": moved})).alert)
+    assert alerts[0] == 200
+    assert 259 < alerts[-1] < 260 + monitor.memory_s
+
+
 def test_fitting_raises_the_inflation_to_the_mean_of_clean_recordings_and_never_lowers_it() -> None:
     assert isinstance(MONITOR, Trainable)
     clean = [drive(seed, 120.0).blind() for seed in (0, 1)]

@@ -38,7 +38,8 @@ class Measurements:
 def measurements(pvt: Table, floor: tuple[float, float, float, float], reported: bool) -> Measurements:
     """Return the epochs of a receiver.
 
-    Velocity comes from speed and course where there is no vector; down is then not measured. Epochs without a fix, and those whose
+    Velocity comes from speed and course where there is no vector; down is then not measured. Where the first height is not above the
+    ellipsoid, that above mean sea level takes its place. Epochs without a fix, and those whose
     position or velocity is the receiver's own dead reckoning, measure nothing; nor do values beyond 1e9.
 
     Args:
@@ -48,7 +49,9 @@ def measurements(pvt: Table, floor: tuple[float, float, float, float], reported:
     """
     pvt = pvt.last_per_time()
     refused = np.isin(pvt["fix_type"], _NO_FIX) & pvt.valid("fix_type")
-    lat_deg, lon_deg, height_m = (np.where(refused, np.nan, pvt[name]) for name in ("lat_deg", "lon_deg", "height_m"))
+    first = np.argmax(pvt.valid("height_m") | pvt.valid("height_msl_m")) if len(pvt) else 0  # later rows must not decide
+    height = "height_m" if pvt.valid("height_m")[first : first + 1].any() else "height_msl_m"
+    lat_deg, lon_deg, height_m = (np.where(refused, np.nan, pvt[name]) for name in ("lat_deg", "lon_deg", height))
     position = _position(lat_deg, lon_deg, height_m)
     velocity = np.column_stack([pvt[f"vel_{axis}_mps"] for axis in "ned"])
     course = np.radians(pvt["course_deg"])
