@@ -191,6 +191,14 @@ def test_an_accuracy_of_zero_is_none(tmp_path: Path, gnsslogger: Callable[..., b
     assert found["/gnss0/gnss/pvt"].has("v_acc_m", "speed_mps")
 
 
+def test_a_satellite_not_received_has_no_cn0(tmp_path: Path, gnsslogger: Callable[..., bytes], drive: Result) -> None:
+    found = converted(saved(tmp_path, gnsslogger().replace(b",41.5,", b",0.0,")))
+    for topic in ("/gnss0/gnss/signal", "/gnss0/gnss/observation"):
+        assert drive[topic].has("cn0_dbhz")
+        assert not found[topic].has("cn0_dbhz")
+        assert len(found[topic]) == len(drive[topic])
+
+
 def test_the_phones_clock_may_step(tmp_path: Path, gnsslogger: Callable[..., bytes], drive: Result) -> None:
     log = gnsslogger().splitlines(keepends=True)
     for number, line in enumerate(log):

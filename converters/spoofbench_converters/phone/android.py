@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from spoofbench.converting import Columns
 from spoofbench.gps_time import DAY_NS, GPS_EPOCH_NS, WEEK_NS, leap_seconds_at_gps
+from spoofbench_converters.phone.device import positive
 from spoofbench_converters.phone.sheets import Sheet
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
@@ -200,7 +201,7 @@ def observations(sheet: Sheet, seen: Satellites, times: Times) -> Columns:
         "carrier_std_cycles": np.where(valid, adr_std / wavelength, np.nan),
         "doppler_hz": -sheet.floats("PseudorangeRateMetersPerSecond") / wavelength,
         "doppler_std_hz": range_rate_std / wavelength,
-        "cn0_dbhz": sheet.floats("Cn0DbHz"),
+        "cn0_dbhz": positive(sheet.floats("Cn0DbHz")),
     }
 
 

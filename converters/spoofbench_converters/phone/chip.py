@@ -9,7 +9,7 @@ from spoofbench.converting import Columns, Item
 from spoofbench.converting.ordering import join, take
 from spoofbench_converters.phone import android, parsing
 from spoofbench_converters.phone.axis import Axis, Stamps
-from spoofbench_converters.phone.device import NO_TIME
+from spoofbench_converters.phone.device import NO_TIME, positive
 from spoofbench_converters.phone.gnssform import raw_elapsed, raw_utc
 from spoofbench_converters.phone.lines import Cells, Rows
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet, held
@@ -92,7 +92,7 @@ class Chip:
         used = sheet.exact(("UsedInFix",))
         columns: Columns = {
             **android.satellites(sheet).columns,
-            "cn0_dbhz": sheet.floats("Cn0DbHz"),
+            "cn0_dbhz": positive(sheet.floats("Cn0DbHz")),
             "elevation_deg": sheet.floats("ElevationDegrees"),
             "azimuth_deg": sheet.floats("AzimuthDegrees"),
             **held((used[0] != 0, used[1]), "used"),

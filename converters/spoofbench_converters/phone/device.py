@@ -25,6 +25,9 @@ def known(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(values < 0, np.nan, values)
 
 
-def accuracy(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return accuracies with those not above zero absent: Android gives 0 where it has none (``Location.getAccuracy``), iOS less."""
+def positive(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values with those not above zero absent.
+
+    Android gives 0 for an accuracy that it has not (``Location.getAccuracy``) and for the C/N0 of a satellite not received, iOS less.
+    """
     return np.where(values > 0, values, np.nan)

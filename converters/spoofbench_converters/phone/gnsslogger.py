@@ -12,7 +12,7 @@ from spoofbench_converters.phone import android, gnssform
 from spoofbench_converters.phone import lines as text
 from spoofbench_converters.phone.axis import Axis, Stamps, Steps
 from spoofbench_converters.phone.chip import Chip
-from spoofbench_converters.phone.device import ACCEL, AXES, BODY, DEVICE_AXES, GYRO, MAG, NO_POSITION, NO_TIME, accuracy
+from spoofbench_converters.phone.device import ACCEL, AXES, BODY, DEVICE_AXES, GYRO, MAG, NO_POSITION, NO_TIME, positive
 from spoofbench_converters.phone.gnssform import ELAPSED, SENSORS, UNIX, UTC, Form
 from spoofbench_converters.phone.lines import Lines
 from spoofbench_converters.phone.options import Options
@@ -216,9 +216,9 @@ class _Log:
             "height_m": sheet.floats("AltitudeMeters", "Altitude"),
             "speed_mps": sheet.floats("SpeedMps", "Speed"),
             "course_deg": sheet.floats("BearingDegrees"),
-            "h_acc_m": accuracy(sheet.floats("AccuracyMeters", "Accuracy")),
-            "v_acc_m": accuracy(sheet.floats("VerticalAccuracyMeters")),
-            "s_acc_mps": accuracy(sheet.floats("SpeedAccuracyMps")),
+            "h_acc_m": positive(sheet.floats("AccuracyMeters", "Accuracy")),
+            "v_acc_m": positive(sheet.floats("VerticalAccuracyMeters")),
+            "s_acc_mps": positive(sheet.floats("SpeedAccuracyMps")),
             **sheet.account(),
         }
         placed = ~np.isnan(columns["lat_deg"] + columns["lon_deg"])

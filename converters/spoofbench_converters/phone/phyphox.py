@@ -17,7 +17,7 @@ from spoofbench.converting import Columns, Facts, Item
 from spoofbench.converting.ordering import take
 from spoofbench.errors import ConversionError
 from spoofbench_converters.phone import device
-from spoofbench_converters.phone.device import NO_TIME, accuracy, known
+from spoofbench_converters.phone.device import NO_TIME, known, positive
 from spoofbench_converters.phone.options import Options
 from spoofbench_converters.phone.parts import Form, Part, records, sheets, text_parts, told
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
@@ -62,7 +62,7 @@ _QUANTITIES = (
     _quantity(r"horizontal accuracy \((m|°)\)", "gnss", "h_acc_m"),
     _quantity(r"vertical accuracy \((m|°)\)", "gnss", "v_acc_m"),
 )
-_MEANT = {"speed_mps": known, "course_deg": known, "h_acc_m": accuracy, "v_acc_m": accuracy}
+_MEANT = {"speed_mps": known, "course_deg": known, "h_acc_m": positive, "v_acc_m": positive}
 _FAMILIES: Mapping[str, tuple[str, Sequence[str]]] = {
     "imu": ("imu", device.IMU),
     "mag": ("mag", device.MAG),

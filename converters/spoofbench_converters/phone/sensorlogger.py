@@ -24,8 +24,8 @@ from spoofbench_converters.phone.device import (
     OLDER,
     PVT,
     STANDARD_GRAVITY_MPS2,
-    accuracy,
     known,
+    positive,
 )
 from spoofbench_converters.phone.options import Options
 from spoofbench_converters.phone.parts import Form, Part, records, sheets, told
@@ -76,9 +76,9 @@ def _location(sheet: Sheet, phone: Phone) -> Columns:
         "height_msl_m": sheet.floats("altitudeAboveMeanSeaLevel"),
         "speed_mps": known(sheet.floats("speed")),
         "course_deg": known(sheet.floats("bearing")),
-        "h_acc_m": accuracy(sheet.floats("horizontalAccuracy")),
-        "v_acc_m": accuracy(sheet.floats("verticalAccuracy")),
-        "s_acc_mps": accuracy(sheet.floats("speedAccuracy")),
+        "h_acc_m": positive(sheet.floats("horizontalAccuracy")),
+        "v_acc_m": positive(sheet.floats("verticalAccuracy")),
+        "s_acc_mps": positive(sheet.floats("speedAccuracy")),
     }
 
 
