@@ -50,5 +50,5 @@ def sensitivity_cell(rows: Sequence[dict[str, Any]]) -> Cell:
         f"Table 2 as a whole, mean absolute difference over choices of what the paper leaves open, {JUDGED}, points",
         None, points[0], min(points), max(points),
         "not reproduced" if max(points) > WANTED_POINTS else "matches after calibration",
-        f"{len(rows)} choices; wanted: at most {WANTED_POINTS:g}; all checks hold for: {', '.join(kept) or 'none'}; nothing was chosen by this",
+        f"{len(rows)} choices; wanted: at most {WANTED_POINTS:g}; all checks hold for: {', '.join(kept) or 'none'}; none was chosen by it",
     )  # fmt: skip
