@@ -1,16 +1,18 @@
 """What standard messages say, what is made of topics, and bags that were cut off or never closed."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from mcap.writer import CompressionType
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from spoofbench_converters.rosbag import definitions
 from spoofbench_converters.rosbag.unpacking import unpack
 
+from spoofbench.errors import ConversionError
 from spoofbench.schema.v1 import gnss_pb2
 
 Convert = Callable[..., Any]
@@ -107,9 +109,6 @@ def test_what_nothing_says_is_a_receivers_or_of_wheels_is_declined(sessions: Any
     asked = convert_bag(path, velocity="/elsewhere/twist", odometer="/odometry/filtered").recording
     assert asked["/gnss0/gnss/pvt"].has("vel_e_mps") or asked["/gnss1/gnss/pvt"].has("vel_e_mps")
     assert asked["/odometer0/odometer"]["speed_mps"].tolist() == [3.0] * 4
-    only = convert_bag(path, source="/wheel/odom")
-    assert set(only.recording) == {"/odometer0/odometer"}
-    assert any("not asked for" in reason for reason in only.reasons)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "ros1-lz4", "mcap", "mcap-chunk-zstd"])
@@ -163,3 +162,21 @@ def test_unpacking_is_bounded_and_keeps_what_precedes_damage(packing: str) -> No
     assert wrong is not None
     assert data.startswith(part)
     assert len(part) > 1_000_000 * (packing != "bz2")
+
+
+def test_one_receiver_of_several_is_converted_with_all_other_kinds(sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
+    session = sessions.drive(10)
+    second = [replace(message, topic=f"/b{message.topic}") for message in session if message.topic.startswith("/gps")]
+    sentences = [sessions.Message("/nmea", "nmea_msgs/msg/Sentence", message.stamp_ns, {"sentence": "$GPTXT*"}) for message in second]
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg("std_msgs/Header header\nstring sentence\n", "nmea_msgs/msg/Sentence"))
+    path = sessions.write_ros2(tmp_path / "bag", session + second + sentences, store=store)
+    only = convert_bag(path, source="/b/gps/fix")
+    assert set(only.recording) == {"/imu0/imu", "/mag0/mag", "/gnss0/gnss/pvt"}
+    assert only.recording["/gnss0/gnss/pvt"].has("lat_deg", "vel_e_mps")
+    assert only.recording.metadata["source/gnss0"]["topic"] == "/b/gps/fix /b/gps/vel"
+    assert only.reasons == {f"topic '{name}': not asked for" for name in ("/gps/fix", "/gps/vel", "/nmea")}
+    assert set(convert_bag(path, source="/imu/data").recording) == {"/imu0/imu", "/mag0/mag", "/gnss0/gnss/pvt", "/gnss1/gnss/pvt"}
+    assert set(convert_bag(path, source="/nmea").recording) == {"/imu0/imu", "/mag0/mag"}
+    with pytest.raises(ConversionError, match="/gps/fix"):
+        convert_bag(path, source="/gps/fxi")

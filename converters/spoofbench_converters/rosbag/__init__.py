@@ -16,7 +16,7 @@ from spoofbench_converters.rosbag.locating import locate, surety
 
 __all__ = ["UNIT", "VERSION", "Options", "convert", "sniff"]
 
-VERSION = "2"
+VERSION = "3"
 UNIT: Literal["records"] = "records"
 
 

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from spoofbench.converting import Facts, Item, Reject
+from spoofbench.errors import ConversionError
 from spoofbench_converters.rosbag import aspn23, definitions, mapped, slabs
 from spoofbench_converters.rosbag.definitions import Definitions
 from spoofbench_converters.rosbag.family import Options, Session
 from spoofbench_converters.rosbag.layouts import ENCODINGS, Decoder
 from spoofbench_converters.rosbag.messages import STANDARD, Spec
-from spoofbench_converters.rosbag.planning import plan
+from spoofbench_converters.rosbag.planning import NOT_ASKED, plan
 from spoofbench_converters.rosbag.sensors import Sensors
 from spoofbench_converters.rosbag.serial import SENTENCE, TYPES, open_serial
 from spoofbench_converters.rosbag.slabs import Payloads, Slab, Topic
@@ -25,8 +26,10 @@ class Conversion:
         """Give the topics to sessions.
 
         Raises:
-            ConversionError: the definitions or the mapping that the options name cannot be read.
+            ConversionError: the definitions or the mapping that the options name cannot be read, or there is no such source.
         """
+        if options.source is not None and options.source not in {topic.name for topic in topics}:
+            raise ConversionError(f"the bag has no topic {options.source!r}; it has {sorted(topic.name for topic in topics)[:30]}")
         self._topics = {topic.number: topic for topic in topics}
         self._sessions: dict[int, Session] = {}
         self._decoders: dict[int, Decoder] = {}
@@ -50,7 +53,10 @@ class Conversion:
             self._sessions |= dict.fromkeys(sensors.numbers, sensors)
         self._declined |= planned.declined
         counts = Counter(source.rstrip("0123456789") for source in planned.sources)
-        for serial in open_serial([topic for topic in readable if _is_serial(topic, options)], counts):
+        serials = [topic for topic in readable if topic.type == SENTENCE or topic.type in TYPES]
+        left_out = {topic.number for topic in serials if "gnss" in planned.asked and topic.name != options.source}
+        self._declined |= dict.fromkeys(left_out, NOT_ASKED)
+        for serial in open_serial([topic for topic in serials if topic.number not in left_out], counts):
             self._sessions |= dict.fromkeys(serial.numbers, serial)
         for number in self._sessions:
             topic = self._topics[number]
@@ -101,10 +107,6 @@ class Conversion:
         for reason, places in by_reason.items():
             yield slabs.rejects(payloads.records[places], f"{topic.name}: {reason}")
         yield from self._sessions[topic.number].take(topic, groups, payloads)
-
-
-def _is_serial(topic: Topic, options: Options) -> bool:
-    return (topic.type == SENTENCE or topic.type in TYPES) and options.source in (None, topic.name)
 
 
 def _types_of(topic: Topic, given: Definitions) -> Definitions:

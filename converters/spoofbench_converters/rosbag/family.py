@@ -22,7 +22,7 @@ class Options:
         definitions: folder of ``.msg`` definitions, which go before those that the bag has or the converter knows.
         mapping: TOML file, or name of a ready mapping, that says what messages of other types hold.
         time: the rows' time: the messages' own time of validity (their header's stamp), or the recorder's stamps.
-        source: topic of the one receiver, IMU, ... to convert; else all are.
+        source: topic of the one receiver (or IMU, ...) to convert, where there are several of a kind; other kinds are converted too.
         velocity: topic of a receiver's velocity in east, north and up (a twist); ``auto`` takes one that stands beside a
             receiver's position and is called so, ``none`` takes none.
         odometer: topic of wheel odometry; ``auto`` takes those that are called so, ``none`` takes none.

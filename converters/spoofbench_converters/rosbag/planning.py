@@ -18,7 +18,7 @@ _WHEELS = re.compile(r"odom|wheel")
 _OTHERWISE = re.compile(r"filter|fused|fusion|ekf|ukf|kalman|locali[sz]ation|global|gps|gnss|\bins\b|visual|vio|slam|lidar|laser")
 _FILTERED = re.compile(r"filter|fused|fusion|ekf|ukf|kalman|locali[sz]ation|global_position/global$")
 
-_NOT_ASKED = "not asked for"
+NOT_ASKED = "not asked for"
 _TWIST = "a twist that nothing says to be a receiver's velocity; if it is, in east, north, up, name it with -p velocity=TOPIC"
 _SECOND_TWIST = "a second velocity of one receiver"
 _ODOMETRY = "odometry that nothing says to be of wheels; if it is, name it with -p odometer=TOPIC"
@@ -42,6 +42,7 @@ class Plan:
         outlets: by number of a topic.
         sources: metadata by source.
         declined: why topics are not taken whose types are known, by number.
+        asked: beginnings of the kinds of which one device alone is asked for.
         primary: the source whose solution has position and velocity and is not filtered, if the first in the order of names has not.
     """
 
@@ -49,6 +50,7 @@ class Plan:
     outlets: dict[int, list[Outlet]] = field(default_factory=dict)
     sources: dict[str, dict[str, str]] = field(default_factory=dict)
     declined: dict[int, str] = field(default_factory=dict)
+    asked: frozenset[str] = frozenset()
     primary: str | None = None
 
 
@@ -61,6 +63,8 @@ def plan(topics: Sequence[Topic], specs: Mapping[int, Spec], options: Options) -
         if reason:
             made.declined[topic.number] = reason
     made.devices = _devices([topic for topic in known if topic.number not in made.declined], specs)
+    if options.source is not None and options.source not in {topic.name for topic in known if topic.number in made.declined}:
+        _keep_only(options.source, made, specs)
     for device in made.devices:
         _second_velocities(device, specs, made)
         _name(device, specs, made)
@@ -84,9 +88,20 @@ def _declined(topic: Topic, known: Sequence[Topic], specs: Mapping[int, Spec], o
         name = topic.name.lower()
         if options.odometer != "auto" or not _WHEELS.search(name) or _OTHERWISE.search(name):
             return _ODOMETRY
-    if options.source is not None and options.source != topic.name and (spec.side != "velocity" or options.velocity != topic.name):
-        return _NOT_ASKED
     return None
+
+
+def _keep_only(source: str, made: Plan, specs: Mapping[int, Spec]) -> None:
+    """Decline the devices that are of a kind with that which has the topic asked for; a topic without a spec is a receiver's bytes."""
+    asked = [device for device in made.devices if any(topic.name == source for topic in device)]
+    made.asked = frozenset().union(*(_kinds(device, specs) for device in asked)) if asked else frozenset({"gnss"})
+    for device in [device for device in made.devices if device not in asked and _kinds(device, specs) & made.asked]:
+        made.devices.remove(device)
+        made.declined |= dict.fromkeys((topic.number for topic in device), NOT_ASKED)
+
+
+def _kinds(device: Sequence[Topic], specs: Mapping[int, Spec]) -> frozenset[str]:
+    return frozenset(kind.partition("/")[0] for topic in device for kind in specs[topic.number].kinds)
 
 
 def _parent(topic: Topic) -> str:
