@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from spoofbench_innovation import InnovationMonitor, gains
 from spoofbench_innovation.grades import GRADES
 from spoofbench_innovation.preintegration import rotations
@@ -106,6 +108,20 @@ def test_an_alert_does_not_outlast_its_memory(statistic: Any) -> None:
     alerts = np.flatnonzero(detect(monitor, recording.replace({"/gnss0/gnss/pvt": moved})).alert)
     assert alerts[0] == 200
     assert 259 < alerts[-1] < 260 + monitor.memory_s
+
+
+@given(st.data())
+@settings(max_examples=25)
+def test_absurd_values_give_decisions(data: st.DataObject) -> None:
+    """Whatever a damaged log holds: no error, no warning, no NaN where available."""
+    recording = drive(0, 60.0)
+    for topic in ("/gnss0/gnss/pvt", "/imu0/imu"):
+        table = recording[topic]
+        name = data.draw(st.sampled_from(sorted(name for name in table if table[name].dtype.kind == "f")))
+        row, value = data.draw(st.integers(0, len(table) - 1)), data.draw(st.floats(width=32))
+        recording = recording.replace({topic: table.replace(**{name: np.where(np.arange(len(table)) == row, value, table[name])})})
+    decisions = detect(replace(MONITOR, reported=True), recording)
+    assert decisions.time_ns.size
 
 
 def test_fitting_raises_the_inflation_to_the_mean_of_clean_recordings_and_never_lowers_it() -> None:

@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 EARTH_RATE_RADPS = 7.292115e-5
 _SEMI_MAJOR_M, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3  # WGS 84
-_ABSURD = 1e9  # metres or metres per second, which no receiver measures
+_ABSURD = 1e9  # metres, metres per second or degrees, which no receiver measures
 _NO_FIX = (gnss_pb2.FIX_TYPE_NONE, gnss_pb2.FIX_TYPE_DEAD_RECKONING, gnss_pb2.FIX_TYPE_TIME_ONLY)
 
 
@@ -39,8 +39,8 @@ def measurements(pvt: Table, floor: tuple[float, float, float, float], reported:
     """Return the epochs of a receiver.
 
     Velocity comes from speed and course where there is no vector; down is then not measured. Where the first height is not above the
-    ellipsoid, that above mean sea level takes its place. Epochs without a fix, and those whose
-    position or velocity is the receiver's own dead reckoning, measure nothing; nor do values beyond 1e9.
+    ellipsoid, that above mean sea level takes its place. Epochs without a fix, and those whose position or velocity is the receiver's own
+    dead reckoning, measure nothing; nor do values beyond 1e9.
 
     Args:
         pvt: rows of kind ``gnss/pvt``; of several at one time the last counts.
@@ -51,10 +51,12 @@ def measurements(pvt: Table, floor: tuple[float, float, float, float], reported:
     refused = np.isin(pvt["fix_type"], _NO_FIX) & pvt.valid("fix_type")
     first = np.argmax(pvt.valid("height_m") | pvt.valid("height_msl_m")) if len(pvt) else 0  # later rows must not decide
     height = "height_m" if pvt.valid("height_m")[first : first + 1].any() else "height_msl_m"
-    lat_deg, lon_deg, height_m = (np.where(refused, np.nan, pvt[name]) for name in ("lat_deg", "lon_deg", height))
+    lat_deg, lon_deg, height_m = (
+        np.where(refused | ~(np.abs(pvt[name]) < _ABSURD), np.nan, pvt[name]) for name in ("lat_deg", "lon_deg", height)
+    )
     position = _position(lat_deg, lon_deg, height_m)
     velocity = np.column_stack([pvt[f"vel_{axis}_mps"] for axis in "ned"])
-    course = np.radians(pvt["course_deg"])
+    course = np.radians(np.where(np.abs(pvt["course_deg"]) < _ABSURD, pvt["course_deg"], np.nan))
     polar = pvt["speed_mps"][:, None] * np.column_stack([np.cos(course), np.sin(course)])
     velocity[:, :2] = np.where(np.isnan(velocity[:, :2]).any(axis=1, keepdims=True), polar, velocity[:, :2])
     values = np.concatenate([position, velocity], axis=1)
@@ -64,7 +66,7 @@ def measurements(pvt: Table, floor: tuple[float, float, float, float], reported:
         values[np.isnan(values[:, pair]).any(axis=1), pair] = np.nan
     deviations = np.tile(np.array(floor), (len(pvt), 1))
     if reported:
-        deviations = np.fmax(deviations, _reported(pvt))
+        deviations = np.fmin(np.fmax(deviations, _reported(pvt)), _ABSURD)
     return Measurements(pvt.time_ns, values, deviations[:, [0, 0, 1, 2, 2, 3]] ** 2, np.radians(lat_deg), height_m)
 
 

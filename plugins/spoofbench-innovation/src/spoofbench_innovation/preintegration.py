@@ -16,6 +16,7 @@ Times = NDArray[np.int64]
 
 SILENCE_S = 0.25  # a longer gap in the IMU's rows is bridged by the row before it, and counted
 LONGEST_SILENCE_S = 3.0  # a still longer one is not: the attitude is lost
+_ABSURD = 1e4  # m/s^2 or rad/s, which no vehicle does
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,13 +46,13 @@ def increments(imu: Table, start_ns: Times, end_ns: Times, longest_s: float) -> 
     """Integrate the rows of an IMU over the intervals ``(start, end]``.
 
     Args:
-        imu: rows of kind ``imu``; those that lack a value are left out.
+        imu: rows of kind ``imu``; those that lack a value, or have one beyond 1e4, are left out.
         start_ns: ``(n,)``.
         end_ns: ``(n,)``, after ``start_ns``.
         longest_s: a longer interval is not integrated and counts as unknown.
     """
     names = [f"{sensor}_{axis}_{unit}" for sensor, unit in (("accel", "mps2"), ("gyro", "radps")) for axis in "xyz"]
-    complete = ~np.isnan(np.sum([imu[name] for name in names], axis=0)) if len(imu) else np.zeros(0, bool)
+    complete = np.all([np.abs(imu[name]) < _ABSURD for name in names], axis=0)
     time_ns = imu.time_ns[complete]
     values = np.column_stack([imu[name][complete] for name in names]).astype(np.float64)
     duration_s = (end_ns - start_ns).astype(np.float64) * 1e-9
