@@ -43,7 +43,7 @@ __all__ = [
 
 
 def published(name: str) -> Scenario:
-    """Return a scenario that comes with spoofbench: ``tanil2018-C`` or ``tanil2018-N``.
+    """Return a scenario that comes with spoofbench: ``tanil2018-C``, ``tanil2018-N`` or ``kujur``.
 
     Raises:
         ScenarioError: there is none of this name.

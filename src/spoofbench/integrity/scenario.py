@@ -4,6 +4,7 @@ Angles of the sky are in degrees; everything else is SI.
 """
 
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +17,22 @@ from scipy import stats
 from spoofbench.errors import ScenarioError
 
 GRAVITY_MPS2 = 9.80665
+
+_LARGEST = 1e9
+_MOST_EPOCHS, _MOST_WARM_UP_EPOCHS = 100_000, 1_000_000
+_LEAST_TIME_CONSTANT = 0.01
+"""In intervals between epochs; the exponential of shorter ones overflows."""
+_LEAST_UNLIKE = 1e-3
+"""By how much sines of elevations differ at least: the altitude cannot be told else."""
+
+
+def _check(of: Any, above_0: Sequence[str] = ()) -> None:
+    """Refuse numbers of a dataclass that are negative or not finite or beyond all bounds, and zeros where they make no sense."""
+    for field in fields(of):
+        value = getattr(of, field.name)
+        if field.type is float and not (0 <= value <= _LARGEST and (value or field.name not in above_0)):
+            least = "above 0" if field.name in above_0 else "0 or more"
+            raise ScenarioError(f"{field.name} must be {least} and at most {_LARGEST:g}, not {value!r}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +53,9 @@ class ImuErrors:
     accel_bias_s: float
     gyro_bias_s: float
 
+    def __post_init__(self) -> None:
+        _check(self, above_0=("accel_bias_s", "gyro_bias_s"))
+
 
 @dataclass(frozen=True, slots=True)
 class GnssErrors:
@@ -54,6 +74,9 @@ class GnssErrors:
     code_multipath_s: float
     carrier_multipath_s: float
 
+    def __post_init__(self) -> None:
+        _check(self, above_0=("code_noise_m", "carrier_noise_m", "code_multipath_s", "carrier_multipath_s"))
+
 
 @dataclass(frozen=True, slots=True)
 class InitialErrors:
@@ -63,6 +86,9 @@ class InitialErrors:
     velocity_mps: float = 1.0
     attitude_rad: float = float(np.radians(0.1))
     ambiguity_m: float = 10.0
+
+    def __post_init__(self) -> None:
+        _check(self)
 
 
 @dataclass(frozen=True)
@@ -94,15 +120,36 @@ class Scenario:
     false_alert_probability: float = 1e-6
 
     def __post_init__(self) -> None:
-        if len(self.satellites_deg) < 2:
-            raise ScenarioError(f"the scenario {self.name!r} has {len(self.satellites_deg)} satellites; differences need at least 2")
-        for name in ("rate_hz", "period_s", "alert_limit_m"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ScenarioError(f"{name} of the scenario {self.name!r} must be above 0 and finite, not {getattr(self, name)!r}")
-        if not 0 < self.false_alert_probability < 1:
+        if not isinstance(self.name, str):
+            raise ScenarioError(f"name must be text, not {self.name!r}")
+        _check(self, above_0=("rate_hz", "period_s", "alert_limit_m", "false_alert_probability"))
+        if self.false_alert_probability >= 1:
             raise ScenarioError(f"false_alert_probability must lie between 0 and 1, not {self.false_alert_probability!r}")
-        if not 0 <= self.warm_up_s < np.inf:
-            raise ScenarioError(f"warm_up_s must be 0 or more and finite, not {self.warm_up_s!r}")
+        self._check_satellites()
+        for name, most in (("period_s", _MOST_EPOCHS), ("warm_up_s", _MOST_WARM_UP_EPOCHS)):
+            if getattr(self, name) * self.rate_hz > most:
+                raise ScenarioError(f"{name} must be at most {most} epochs of the scenario {self.name!r}, not {getattr(self, name)!r} s")
+        for part in (self.imu, self.gnss):
+            for name in (field.name for field in fields(part) if field.name.endswith("_s")):
+                if getattr(part, name) * self.rate_hz < _LEAST_TIME_CONSTANT:
+                    shortest = _LEAST_TIME_CONSTANT / self.rate_hz
+                    raise ScenarioError(f"{name} must be at least {shortest:g} s at {self.rate_hz!r} Hz, not {getattr(part, name)!r}")
+
+    def _check_satellites(self) -> None:
+        count = len(self.satellites_deg)
+        if count < 2:
+            raise ScenarioError(f"the scenario {self.name!r} has {count} satellites; differences need at least 2")
+        for azimuth, elevation in self.satellites_deg:
+            if not (abs(azimuth) <= 360 and abs(elevation) <= 90):
+                raise ScenarioError(
+                    f"satellites_deg must be azimuths within 360 and elevations within 90 degrees of 0, not {[azimuth, elevation]!r}"
+                )
+        if np.ptp(np.sin(np.radians([elevation for _, elevation in self.satellites_deg]))) < _LEAST_UNLIKE:
+            raise ScenarioError(
+                f"the satellites of {self.name!r} are all at one elevation; differences between them do not tell the altitude"
+            )
+        if self.reference is not None and (not isinstance(self.reference, int) or not 0 <= self.reference < count):
+            raise ScenarioError(f"reference must be the place of a satellite, 0 to {count - 1}, not {self.reference!r}")
 
     @property
     def measurements(self) -> int:
@@ -147,11 +194,19 @@ def load_scenario(path: Path) -> Scenario:
             content[name] = _made(kind, content[name], f"[{name}] of {path.name!r}")
     satellites = content.get("satellites_deg")
     if satellites is not None:
-        if not isinstance(satellites, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in satellites):
+        if not isinstance(satellites, list) or not all(_is_pair(pair) for pair in satellites):
             raise ScenarioError(f"satellites_deg of {path.name!r} must be a list of [azimuth, elevation]")
-        content["satellites_deg"] = tuple(tuple(float(angle) for angle in pair) for pair in satellites)
+        content["satellites_deg"] = tuple((azimuth, elevation) for azimuth, elevation in satellites)
     scenario: Scenario = _made(Scenario, {"name": path.stem, **content}, repr(path.name))
     return scenario
+
+
+def _is_pair(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(_is_number(angle) for angle in value)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _made(kind: type[Any], values: Any, where: str) -> Any:
@@ -162,7 +217,7 @@ def _made(kind: type[Any], values: Any, where: str) -> Any:
         raise ScenarioError(f"{where} has an unknown key {unknown[0]!r}; the keys are {sorted(known)}")
     texts = {"name", "satellites_deg", "imu", "gnss", "initial"}
     for name, value in values.items():
-        if name not in texts and (isinstance(value, bool) or not isinstance(value, int | float)):
+        if name not in texts and not _is_number(value):
             raise ScenarioError(f"{name!r} in {where} must be a number, not {value!r}")
     try:
         return kind(**values)
