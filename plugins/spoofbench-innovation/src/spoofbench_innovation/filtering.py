@@ -1,7 +1,7 @@
 """The filter on measurements: innovations of every epoch, with the gains of the recording."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from spoofbench_innovation.gains import BLOCK
 from spoofbench_innovation.grades import Grade
 from spoofbench_innovation.measurements import EARTH_RATE_RADPS, Measurements, gravity_mps2
 from spoofbench_innovation.nominal import Nominal, nominal
+from spoofbench_innovation.recent import Recent, Same
 
 Floats = NDArray[np.float64]
 
@@ -77,49 +78,31 @@ class Shared:
     covariance: Floats
 
 
-class _Same:
-    """A table as a key: equal if it is the same object, which the key keeps alive. Tables cannot change."""
-
-    def __init__(self, table: Table) -> None:
-        self.table = table
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self.table is other.table
-
-    def __hash__(self) -> int:
-        return id(self.table)
+_nominals: Recent[Nominal] = Recent(16 << 20, lambda one: 400 * one.run.size)
+_runs: Recent[Shared] = Recent(128 << 20, lambda one: one.matrices.nbytes + one.motion.nbytes + one.covariance.nbytes)
 
 
-@lru_cache(maxsize=2)
-def _modelled(imu: _Same, epoch_ns: bytes, settings: Settings) -> tuple[Nominal, Floats, Floats]:
-    times, offset = np.frombuffer(epoch_ns, np.int64), 5 * settings.grade.gyro_bias_radps
-    trajectory = nominal(imu.table, times, settings.lag_ns, settings.restart_s, offset)
-    return trajectory, *error_model.model(trajectory, settings.grade)
-
-
-@lru_cache(maxsize=2)
-def _shared(imu: _Same, epoch_ns: bytes, settings: Settings, steps: tuple[int, int], variances: bytes) -> Shared:
-    """``variances`` are those of the states at the start, then those of what each step measures."""
-    trajectory, transition, process = _modelled(imu, epoch_ns, settings)
-    numbers, part = np.frombuffer(variances), slice(*steps)
-    transition = transition[part]
-    found = gains.recursion(np.diag(numbers[:STATES]), transition, process[part], numbers[STATES:].reshape(-1, MEASURED))
-    motion = error_model.free_motion(trajectory.between(part), transition)
+def _shared(trajectory: Nominal, grade: Grade, steps: slice, initial: Floats, noise: Floats) -> Shared:
+    """Run the covariances over some steps, from these variances of the states, with these of what is measured."""
+    part = trajectory.between(steps)
+    transition, process = error_model.model(part, grade)
+    found = gains.recursion(np.diag(initial), transition, process, noise)
+    motion = error_model.free_motion(part, transition)
     return Shared(gains.block_matrices(transition, found.gain), gains.block_motion(transition, motion), found.innovation)
 
 
 def innovations(imu: Table, found: Measurements, settings: Settings) -> Innovations:
     """Run the filter over all runs of a recording.
 
-    What depends on the IMU, the times of the epochs and their variances alone is remembered for the last two recordings.
+    What depends on the IMU, on the times of the epochs, and on which measurements they have with which variances, is remembered.
     """
     size = found.time_ns.size
     value, covariance = np.full((size, MEASURED), np.nan), np.tile(np.eye(MEASURED), (size, 1, 1))
     run = np.full(size, -1, np.intp)
     if size < 2:
         return Innovations(value, covariance, run)
-    key = _Same(imu), found.time_ns.tobytes()
-    trajectory = _modelled(*key, settings)[0]
+    key, offset = (Same(imu), found.time_ns.tobytes(), settings), 5 * settings.grade.gyro_bias_radps
+    trajectory = _nominals.get(key, lambda: nominal(imu, found.time_ns, settings.lag_ns, settings.restart_s, offset))
     measured_variances = np.where(np.isnan(found.values), np.nan, found.variances)
     for number, start in enumerate(starts(found, trajectory)):
         first = int(trajectory.epoch[start.epoch]) + 1
@@ -127,8 +110,9 @@ def innovations(imu: Table, found: Measurements, settings: Settings) -> Innovati
         steps = trajectory.epoch[epochs] - first
         values, noise = np.full((start.end - first, MEASURED), np.nan), np.full((start.end - first, MEASURED), np.nan)
         values[steps], noise[steps] = found.values[epochs], measured_variances[epochs]
-        variances = np.append(_initial_variances(measured_variances[start.epoch], settings.grade), noise).tobytes()
-        shared = _shared(*key, settings, (first, start.end), variances)
+        initial = _initial_variances(measured_variances[start.epoch], settings.grade)
+        work = partial(_shared, trajectory, settings.grade, slice(first, start.end), initial, noise)
+        shared = _runs.get((*key, first, start.end, initial.tobytes(), noise.tobytes()), work)
         state, constants = _start(found, start)
         value[epochs] = run_filter(shared, values[:, :, None], state[:, None], start.azimuth_rad, constants)[steps, :, 0]
         covariance[epochs], run[epochs] = shared.covariance[steps], number
