@@ -202,3 +202,11 @@ def test_what_is_no_file_is_never_replaced(install: Any, log: Path, tmp_path: Pa
         with pytest.raises(RecordingError, match="no file"):
             convert(log, tmp_path / name)
     assert (tmp_path / "pipe").is_fifo()
+
+
+def test_rows_before_1970_cost_themselves_alone(install: Any, log: Path, tmp_path: Path) -> None:
+    early = Block(TOPIC, Table("imu", np.array([-5, -1, 0, 7]), {"accel_x_mps2": np.arange(4.0)}), 8)
+    install("fake", [early, rows(1, 2)])
+    ledger = convert(log, tmp_path / "out.mcap")
+    assert read(tmp_path / "out.mcap")[TOPIC].time_ns.tolist() == [0, 7, START_NS + 10**9, START_NS + 2 * 10**9]
+    assert (ledger.used, dict(ledger.reasons)) == (6, {"times before 1970, which a recording cannot hold, in /imu0/imu": 4})

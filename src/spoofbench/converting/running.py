@@ -23,6 +23,7 @@ from spoofbench.plugins import Plugin
 from spoofbench.schema import SCHEMA_VERSION, split_topic
 
 BACKWARDS = "time runs backwards"
+TOO_EARLY = "times before 1970, which a recording cannot hold"
 PACKING_DAMAGED = "the packing is damaged: what follows could not be unpacked"
 
 _Metadata = dict[str, dict[str, str]]
@@ -155,17 +156,23 @@ class _Run:
         self.ledger.enter(reject)
 
     def _forwards(self, block: Block) -> Block:
-        """Return the block without the rows that lie before those already written."""
+        """Return the block without the rows that lie before 1970, or before those already written."""
+        early = int(np.searchsorted(block.table.time_ns, 0, "left"))
+        block = self._without(block, early, f"{TOO_EARLY}, in {block.topic}")
         times = block.table.time_ns
         last = self._last_ns.get(block.topic)
         behind = 0 if last is None else int(np.searchsorted(times, last, "left"))
         if times.size > behind:
             self._last_ns[block.topic] = int(times[-1])
-        if not behind:
+        return self._without(block, behind, f"{BACKWARDS} in {block.topic}")
+
+    def _without(self, block: Block, rows: int, reason: str) -> Block:
+        """Return the block without its first rows, which are rejected with their share of the source."""
+        if not rows:
             return block
-        lost = round(block.used * behind / times.size)
-        self._reject(Reject(self.ledger.used + self.ledger.skipped, lost, f"{BACKWARDS} in {block.topic}"))
-        return Block(block.topic, block.table.take(slice(behind, None)), block.used - lost)
+        lost = round(block.used * rows / len(block.table))
+        self._reject(Reject(self.ledger.used + self.ledger.skipped, lost, reason))
+        return Block(block.topic, block.table.take(slice(rows, None)), block.used - lost)
 
     def close(self, plugin: Plugin, log: Source) -> None:
         """Enter where packed files end early, and hold a converter that counts bytes to the size of its source.
