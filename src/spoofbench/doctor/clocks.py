@@ -186,7 +186,7 @@ def steps_of_clock(recording: Recording) -> list[Finding]:
         text = f"the clock that the log claims makes {counted(int(count), 'step')}" + (
             f", first by {step_s:+.3f} s" if np.isfinite(step_s) else ""
         )
-        advice = "see recording.clock_steps for where; compare times of week and axis before time matters"
+        advice = "see recording.clock_steps for where; if rows were skipped for it, --append-clock keeps them"
         return [Finding("clock-step", "warning", "", text, advice, int(count))]
     findings = []
     for topic in recording.topics("gnss/pvt"):
