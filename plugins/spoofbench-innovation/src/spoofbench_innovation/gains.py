@@ -48,7 +48,8 @@ def recursion(initial: Floats, transition: Floats, process: Floats, noise: Float
     gain, innovation = np.zeros((len(noise), STATES, MEASURED)), np.where(measured, noise, 1.0)[:, None] * np.eye(MEASURED)
     covariance: Floats = initial
     for k, (phi, added) in enumerate(zip(transition, process, strict=True)):
-        covariance = phi @ covariance @ phi.T + added
+        covariance = phi @ covariance @ phi.T
+        covariance += added
         if not count[k]:
             continue
         crossed, spread = covariance[:MEASURED], innovation[k]
@@ -58,9 +59,10 @@ def recursion(initial: Floats, transition: Floats, process: Floats, noise: Float
         else:
             spread += crossed[:, :MEASURED]
         weights = dposv(spread, crossed)[1].T  # by Cholesky: S is symmetric and positive
-        half = covariance - weights @ crossed
-        covariance = half + (weights * variance[k] - half[:, :MEASURED]) @ weights.T
-        covariance = (covariance + covariance.T) / 2
+        covariance -= weights @ crossed
+        covariance += (weights * variance[k] - covariance[:, :MEASURED]) @ weights.T
+        if k % BLOCK == 0:
+            covariance = (covariance + covariance.T) / 2  # rounding takes long to matter
         gain[k] = weights
     return Gains(gain, innovation)
 
