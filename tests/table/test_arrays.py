@@ -186,3 +186,9 @@ def test_what_an_archive_hides_is_no_table(tmp_path: Path) -> None:
     result = _convert(tmp_path / "log.zip")
     assert len(result.recording["/imu0/imu"]) == 1
     assert result.ledger.reasons == {"a file that is not in the mapping": 36}
+
+
+def test_what_lies_too_deep_in_a_mat_file_is_said(tmp_path: Path, columns: dict[str, np.ndarray]) -> None:
+    scipy.io.savemat(tmp_path / "log.mat", {"drive": {"imu": columns}})
+    with pytest.raises(ConversionError, match="within structures"):
+        _convert(tmp_path / "log.mat", 'variable = "drive"')

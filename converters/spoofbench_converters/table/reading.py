@@ -110,7 +110,10 @@ def _mat(table: TableSpec, file: File) -> tuple[arrays.Arrays, tuple[str, ...]]:
     labels = f"{variable}_label"
     numbers, texts = read_mat(file.whole(), file.name, frozenset([*names, labels]))
     if not numbers:
-        raise ConversionError(f"{file.name!r} has no variable of numbers {' or '.join(map(repr, names))}")
+        raise ConversionError(
+            f"{file.name!r} has no variable of numbers {' or '.join(map(repr, names))}; "
+            "what lies in cells, in structures within structures and in arrays of structures is not read: save it as a matrix"
+        )
     if variable and variable not in numbers:
         return {name.removeprefix(f"{variable}."): array for name, array in numbers.items()}, ()
     return numbers, table.columns or texts.get(labels, ())
