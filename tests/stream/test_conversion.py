@@ -2,6 +2,8 @@
 
 import gzip
 import random
+import struct
+import tracemalloc
 from collections import Counter
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -18,7 +20,7 @@ from spoofbench_converters.stream.conversion import Conversion
 from spoofbench_converters.stream.demux import RTCM
 from spoofbench_converters.ubx.decoder import UbxDecoder
 
-from spoofbench.converting import Source
+from spoofbench.converting import Block, Rejects, Source
 from spoofbench.errors import ConversionError, SpoofbenchError
 from spoofbench.testing import run_converter_checks
 
@@ -230,3 +232,17 @@ def test_real_logs_do_not_depend_on_pieces(gathered: Any, path: Path, monkeypatc
     for module in (axis, conversion, course):
         monkeypatch.setattr(module, "HORIZON", 250_000)
     assert same(in_pieces(gathered, path, 50_000), whole)
+
+
+def test_a_frame_without_end_costs_bounded_memory(make: Any, tmp_path: Path) -> None:
+    """Frames of one epoch are held until it is complete; one that never is must not hold the log."""
+    log = make.ubx(struct.pack("<I2H", 5, 0, 0) + bytes(84)) * 200_000
+    path = write(tmp_path, log)
+    tracemalloc.start()
+    accounted = 0
+    for item in ubx.convert(Source.of(path), ubx.Options()):
+        accounted += item.used if isinstance(item, Block) else int(item.lengths.sum()) if isinstance(item, Rejects) else 0
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert accounted == len(log)
+    assert peak < 250e6

@@ -1,9 +1,10 @@
 """The time axis where the clock is what the log says: claimed times that may leap, stand still or be missing."""
 
-from collections import deque
+from collections import defaultdict, deque
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from itertools import pairwise
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +72,7 @@ class _Track:
 
     def interval_ns(self) -> int:
         """Median of the recent intervals."""
-        return int(np.median(self.intervals)) if self.intervals else DEFAULT_INTERVAL_NS
+        return int(median(self.intervals)) if self.intervals else DEFAULT_INTERVAL_NS
 
     def go(self, clock_ns: int, time_ns: int) -> None:
         if self.time_ns != ABSENT_NS and time_ns > self.time_ns:
@@ -91,7 +92,7 @@ class Course:
 
     def __init__(self, rules: Rules) -> None:
         self._rules = rules
-        self._tracks: dict[int, _Track] = {}
+        self._tracks: defaultdict[int, _Track] = defaultdict(_Track)
         self.steps = Steps()
 
     def times(self, protocol: Places, offset: Places, clock_ns: Places, count: int) -> tuple[Places, NDArray[np.uint8]]:
@@ -125,20 +126,17 @@ class Course:
         found: list[tuple[int, int, int]] = []
         for number, own in mine.items():
             clock = clock_ns[own[: np.searchsorted(own, count)]]
-            before = np.append(self._track(number).clock_ns, clock[:-1])
+            before = np.append(self._tracks[number].clock_ns, clock[:-1])
             steps = clock - before
             regular = (clock != ABSENT_NS) & (before != ABSENT_NS) & (steps >= 0) & (steps < self._rules.gap_ns)
             found += [(int(own[place]), number, place) for place in np.flatnonzero(~regular).tolist()]
         return sorted(found)
 
-    def _track(self, number: int) -> _Track:
-        return self._tracks.setdefault(number, _Track())
-
     def _run(self, number: int, places: Places, clock_ns: Places, times: Places) -> None:
         """Let epochs follow their clock."""
         if not places.size:
             return
-        track = self._track(number)
+        track = self._tracks[number]
         given = np.maximum(clock_ns[places] + track.lead_ns, track.time_ns)
         times[places] = given
         steps = np.diff(given[-RECENT_INTERVALS - 1 :], prepend=[track.time_ns] if places.size <= RECENT_INTERVALS else [])
@@ -147,7 +145,7 @@ class Course:
 
     def _step(self, number: int, offset: int, clock: int, ahead: list[int]) -> tuple[int, int]:
         """Give one epoch its time and verdict that does not just follow the one before."""
-        track, rules = self._track(number), self._rules
+        track, rules = self._tracks[number], self._rules
         if track.time_ns == ABSENT_NS:
             return self._start(number, clock, ahead)
         nominal = track.time_ns + track.interval_ns()
@@ -183,14 +181,14 @@ class Course:
         follows = [0 <= later - earlier < self._rules.gap_ns for earlier, later in pairwise([clock, *known])]
         if len(follows) == AHEAD and not follows[0] and follows[1] and not self._rules.by_recorder:
             return ABSENT_NS, NO_TIME_YET
-        track = self._track(number)
+        track = self._tracks[number]
         track.lead_ns = self._lead_of_another(number, clock) or 0
         track.go(clock, clock + track.lead_ns)
         return track.time_ns, TIMED
 
     def _lead_of_another(self, number: int, clock: int) -> int | None:
         """Return by how much the axis leads the clock of another protocol, if that fits a clock that starts or steps."""
-        own = self._track(number)
+        own = self._tracks[number]
         for other, track in self._tracks.items():
             if other != number and track.time_ns != ABSENT_NS:
                 earliest = own.time_ns if own.time_ns != ABSENT_NS else track.time_ns - self._rules.gap_ns

@@ -19,7 +19,7 @@ from spoofbench_converters.ubx.messages import Role
 
 WEEK_MS = 604_800_000
 LATE_RUNS = 8
-RUN_BYTES = 4 << 20  # what one epoch may hold, so that memory is bounded where no time comes
+RUN_BYTES = 1 << 20  # what one epoch may hold, so that memory is bounded where no time comes
 _RAW_AFTER_MS, _RAW_BEFORE_MS, _HIGH_RATE_MS = 5, 40, 2_000
 
 
