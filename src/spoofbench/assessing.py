@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from spoofbench.errors import ScenarioError
 from spoofbench.integrity import Run, Scenario, load_scenario, monitor_of, monitored, studies, worst_case, worst_fault
 from spoofbench.reproducing import make_folder, new_figure, save_figure, save_table
 from spoofbench.results import write_whole
@@ -16,6 +17,8 @@ PERIODS = (0.8, 0.9, 1.0, 1.1, 1.25, 1.5)
 RATES = (0.25, 0.5, 1.0, 2.0)
 DELAYS = (0.0, 0.1, 0.2, 0.3, 0.4)
 SIGMAS_M = (0.0, 0.001, 0.002, 0.004, 0.008)
+MOST_EPOCHS = 1200
+"""Of an attack; memory grows with the square of their number, to some 2 GB."""
 
 Table = Mapping[str, Sequence[Any]]
 
@@ -33,9 +36,14 @@ def assess(path: Path, out: Path, progress: Callable[[float], None]) -> dict[str
         progress: is told the share that is done, 0 to 1.
 
     Raises:
-        ScenarioError: the scenario cannot be read or makes no sense.
+        ScenarioError: the scenario cannot be read or makes no sense, or its attack has too many epochs.
+        ResultsError: the folder cannot be made, or a file not written.
     """
     scenario = load_scenario(path)
+    if scenario.epochs() > MOST_EPOCHS:
+        raise ScenarioError(
+            f"the attack in {path.name!r} has {scenario.epochs()} epochs, {MOST_EPOCHS} at most can be assessed; lower period_s or rate_hz"
+        )
     make_folder(out)
     periods = [round(scenario.period_s * factor, 3) for factor in PERIODS]
     run = monitored(scenario, max(periods))

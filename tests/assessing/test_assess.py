@@ -3,10 +3,12 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from spoofbench.assessing import assess
+from spoofbench.errors import ScenarioError
 
 SCENARIO = Path(__file__).parents[2] / "src/spoofbench/integrity/scenarios/tanil2018-N.toml"
 
@@ -28,3 +30,34 @@ def test_everything_is_written(tmp_path: Path) -> None:
     for name in (*tables, "fault"):
         assert (tmp_path / "out" / f"{name}.png").stat().st_size > 5000
         assert (tmp_path / "out" / f"{name}.svg").exists()
+
+
+def made(folder: Path, **values: object) -> Path:
+    """Return a scenario file with other values."""
+    lines = SCENARIO.read_text().split("\n")
+    changed = [next((f"{name} = {value}" for name, value in values.items() if line.startswith(f"{name} =")), line) for line in lines]
+    assert sum(old != new for old, new in zip(lines, changed, strict=True)) == len(values)
+    (folder / "mine.toml").write_text("\n".join(changed))
+    return folder / "mine.toml"
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"satellites_deg": [[20, 75], [60, 30]], "period_s": 5.0},
+        {"rate_hz": 0.1, "period_s": 30.0},
+        {"period_s": 1e-5},
+        {"satellites_deg": [[20, 75], [20, 74]], "period_s": 5.0},
+    ],
+)
+def test_the_least_gives_numbers(tmp_path: Path, values: dict[str, object]) -> None:
+    """Two satellites, an epoch in ten seconds, one epoch in all, satellites side by side."""
+    summary = assess(made(tmp_path, warm_up_s=60.0, **values), tmp_path / "out", lambda share: None)
+    assert all(np.isfinite(value) for value in summary.values())
+    for name in ("periods_and_rates", "tracking", "delays"):
+        assert np.isfinite(pq.read_table(tmp_path / "out" / f"{name}.parquet")["log10_integrity_risk"].to_numpy()).all()
+
+
+def test_too_many_epochs(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="1201 epochs"):
+        assess(made(tmp_path, period_s=600.0), tmp_path / "out", lambda share: None)
