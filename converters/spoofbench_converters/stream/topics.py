@@ -57,9 +57,10 @@ class Topic:
 
     def push(self, rows: Rows, timed: Timed) -> Iterator[Block | Rejects]:
         """Take the next rows."""
-        kept = np.flatnonzero(timed.verdicts[rows.epoch] == TIMED)
-        if not kept.size:
+        wanted = timed.verdicts[rows.epoch] == TIMED
+        if not wanted.any():
             return
+        kept = slice(None) if wanted.all() else np.flatnonzero(wanted)
         epoch = rows.epoch[kept]
         columns = self._flat(rows, kept)
         columns["offset"] = timed.epochs.offset[epoch]
@@ -87,7 +88,7 @@ class Topic:
         """Return what metadata say of the source's counter."""
         return self._counter.about() if self._counter else {}
 
-    def _flat(self, rows: Rows, kept: Places) -> Columns:
+    def _flat(self, rows: Rows, kept: slice | Places) -> Columns:
         """Return the rows' columns as bare arrays: what is there of one that is no float as another, codes for words."""
         flat: Columns = {}
         for name, given in rows.columns.items():
@@ -99,7 +100,7 @@ class Topic:
                 codes = np.array([words.setdefault(word, len(words)) for word in column.words] + [-1], np.int32)
                 flat[name] = codes[flat[name]]
             elif category != "float":
-                flat[_VALID + name] = np.ones(kept.size, bool) if column.valid is None else column.valid[kept]
+                flat[_VALID + name] = np.ones(flat[name].size, bool) if column.valid is None else column.valid[kept]
         return flat
 
     def _sort(self, columns: Columns) -> Iterator[Block | Rejects]:
