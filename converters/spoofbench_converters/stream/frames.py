@@ -75,7 +75,7 @@ def _fletcher_agrees(octets: Octets, starts: Places, ends: Places) -> NDArray[np
     first = int(starts[0])
     here, before, after = octets[first : int(ends.max()) + 1], starts - first, ends - first
     if int((ends - starts).sum()) <= 2 * here.size:
-        place = np.arange(here.size, dtype=np.uint32).astype(np.uint8)
+        place = np.tile(np.arange(256, dtype=np.uint8), here.size // 256 + 1)[: here.size]
         a = _reduced(np.add, here, before, after)
         b = after.astype(np.uint8) * a - _reduced(np.add, here * place, before, after)
         return np.asarray((a == octets[ends]) & (b == octets[ends + 1]))
