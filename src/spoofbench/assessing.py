@@ -94,7 +94,7 @@ def draw_risk(path: Path, table: Table, along: tuple[str, str], by: tuple[str, s
             risks = [table["log10_integrity_risk"][i] for i in rows]
             panel.plot([table[along[0]][i] for i in rows], risks, marker=".", label=f"{value:g} {by[1]}")
         panel.axhline(-9, color="k", lw=0.6, ls=":")
-        panel.set_title(f"scenario {scenario}", fontsize=10)
+        panel.set_title(f"scenario {scenario}", fontsize=10, parse_math=False)
         panel.set_xlabel(along[1])
         panel.set_ylabel("log10 integrity risk")
     figure.legend(*np.atleast_1d(axes)[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)

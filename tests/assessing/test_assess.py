@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from spoofbench.assessing import assess
+from spoofbench.assessing import assess, draw_risk
 from spoofbench.errors import ScenarioError
 
 SCENARIO = Path(__file__).parents[2] / "src/spoofbench/integrity/scenarios/tanil2018-N.toml"
@@ -61,3 +61,9 @@ def test_the_least_gives_numbers(tmp_path: Path, values: dict[str, object]) -> N
 def test_too_many_epochs(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="1201 epochs"):
         assess(made(tmp_path, period_s=600.0), tmp_path / "out", lambda share: None)
+
+
+def test_any_name_can_be_drawn(tmp_path: Path) -> None:
+    table = {"scenario": ["$x^{$"], "period_s": [1.0], "rate_hz": [1.0], "log10_integrity_risk": [-3.0]}
+    draw_risk(tmp_path / "risk", table, ("period_s", "period, s"), ("rate_hz", "Hz"))
+    assert (tmp_path / "risk.png").exists()
