@@ -255,7 +255,7 @@ def integrity(
     out: Annotated[Path, typer.Option("-o", help="Folder for tables and pictures.")],
     as_json: AsJson = False,
 ) -> None:
-    """Assess an innovation monitor: slope, worst-case fault, integrity risk."""
+    """Assess an innovation monitor of your own vehicle."""
     _calm_threads()
     from spoofbench.assessing import assess
 
