@@ -28,9 +28,9 @@ def test_a_window_lies_where_it_is_told_to(tmp_path: Path) -> None:
 def test_a_window_without_a_start_is_drawn_by_the_seed(tmp_path: Path) -> None:
     clean, out = tmp_path / "clean.mcap", tmp_path / "variant.mcap"
     write(drive(0, 120.0, flaws=False), clean)
-    starts_s = [attack_file(clean, out, "drag-off", {}, duration_s=20.0, seed=seed)[0]["start_s"] for seed in (0, 0, 1, 2)]
+    starts_s = [attack_file(clean, out, "drag-off", {}, duration_s=20.0, seed=seed)[0]["start_s"] for seed in (0, *range(6))]
     assert starts_s[0] == starts_s[1]
-    assert len({*starts_s}) == 3
+    assert len({*starts_s}) > 3  # two draws may meet
 
 
 @pytest.mark.parametrize("delay_s", [119.5, 1e12, 1e300])
