@@ -1,10 +1,14 @@
 """Probabilities against simulation and against independent formulas."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 
+from spoofbench.errors import ScenarioError
 from spoofbench.integrity import ALTITUDE, Run, Scenario, monitor_of, worst_fault
+from spoofbench.integrity.filtering import covariances
 from spoofbench.integrity.risk import log_missed
 from spoofbench.integrity.tracking import _conditional, drawn, exact, log_general_chi2, log_general_chi2_near, sampled, tracking
 
@@ -94,3 +98,9 @@ def test_conditional_parts_add_up(quick: tuple[Scenario, Run]) -> None:
     assert shifts.sum() == pytest.approx(49.0, rel=1e-9)
     ours = log_general_chi2(of.monitor.threshold_squared, weights, degrees, shifts)[0]
     assert ours == pytest.approx(float(log_missed(49.0, of.monitor.threshold_squared, of.monitor.degrees)), abs=1e-9)
+
+
+def test_a_covariance_without_meaning_is_refused(quick: tuple[Scenario, Run]) -> None:
+    model = replace(quick[1].model, noise=-quick[1].model.noise)
+    with pytest.raises(ScenarioError, match="lost its meaning"):
+        covariances(model, np.zeros_like(model.initial), 1)

@@ -1,14 +1,12 @@
-"""Converter of logs of u-blox receivers: UBX frames, and NMEA sentences among them."""
+"""Converter of logs of u-blox receivers: UBX frames, and NMEA sentences among them, with the options of NMEA logs."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal
 
 from spoofbench.converting import Item, Source
+from spoofbench_converters.nmea import Options
 from spoofbench_converters.nmea.decoder import NmeaDecoder
-from spoofbench_converters.nmea.options import DecoderOptions
 from spoofbench_converters.stream.conversion import Conversion
-from spoofbench_converters.stream.options import StreamOptions
 from spoofbench_converters.stream.sniffing import beginning
 from spoofbench_converters.ubx.decoder import UbxDecoder
 
@@ -16,15 +14,6 @@ __all__ = ["UNIT", "VERSION", "Options", "convert", "sniff"]
 
 VERSION = "1"
 UNIT: Literal["bytes"] = "bytes"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options(DecoderOptions, StreamOptions):
-    """How a log is converted; see the two classes that it joins. ``source`` is of the sentences."""
-
-    def __post_init__(self) -> None:
-        DecoderOptions.__post_init__(self)
-        StreamOptions.__post_init__(self)
 
 
 def sniff(source: Source) -> float:

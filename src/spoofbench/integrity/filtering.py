@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dposv
 
+from spoofbench.errors import ScenarioError
 from spoofbench.integrity.model import Array, LinearModel
 
 
@@ -62,7 +63,10 @@ def _epoch(model: LinearModel, covariance: Array) -> tuple[Array, Array, Array, 
     predicted = model.transition @ covariance @ model.transition.T + model.process
     crossed = observation @ predicted
     innovation = crossed @ observation.T + model.noise
-    gain = dposv(innovation, crossed)[1].T  # by Cholesky: S is symmetric and positive
+    _, solved, failed = dposv(innovation, crossed)  # by Cholesky: S is symmetric and positive
+    if failed:
+        raise ScenarioError("the filter's covariance has lost its meaning in rounding; bring the scenario's deviations closer together")
+    gain = solved.T
     kept = np.eye(len(predicted)) - gain @ observation
     updated = kept @ predicted @ kept.T + gain @ model.noise @ gain.T
     return predicted, (updated + updated.T) / 2, gain, innovation
