@@ -10,7 +10,8 @@ from spoofbench.converting import convert
 from spoofbench.demo import drive_bag
 from spoofbench.errors import SpoofbenchError
 
-# A loaded machine is no failure. Where CI is set, hypothesis's own profile also draws the same examples every time.
+# A loaded machine is no failure. Where CI is set, hypothesis's own profile also draws the same
+# examples every time.
 settings.register_profile("patient", settings.get_profile("default"), deadline=None)
 settings.load_profile("ci" if os.environ.get("CI") else "patient")
 

@@ -29,14 +29,28 @@ def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
             f"print([name for name in {HEAVY!r} if name in sys.modules])",
         )
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=True
+    )
     assert done.stdout.splitlines()[-1] == "[]"
 
 
 def test_help_fits_80_columns_and_names_every_command(tmp_path: Path) -> None:
     text = _spoofbench("--help", cwd=tmp_path).stdout
     assert max(map(len, text.splitlines())) <= 80
-    for command in ("demo", "convert", "info", "doctor", "export", "attack", "run", "score", "report", "plugins", "check"):
+    for command in (
+        "demo",
+        "convert",
+        "info",
+        "doctor",
+        "export",
+        "attack",
+        "run",
+        "score",
+        "report",
+        "plugins",
+        "check",
+    ):
         assert f"\n  {command} " in text
     assert "..." not in text.partition("Commands:")[2]
 
@@ -63,7 +77,21 @@ def test_help_fits_80_columns_and_names_every_command(tmp_path: Path) -> None:
         (["attack", "text.mcap", "-a", "nonsense", "-o", "out.mcap"], 1),
         (["attack", "text.mcap", "-a", "replay", "-p", "delay", "-o", "out.mcap"], 2),
         (["attack", "text.mcap", "-a", "replay", "-p", "nonsense=1", "-o", "out.mcap"], 1),
-        (["attack", "text.mcap", "-a", "replay", "-p", "delay_s=1", "-p", "delay_s=2", "-o", "out.mcap"], 2),
+        (
+            [
+                "attack",
+                "text.mcap",
+                "-a",
+                "replay",
+                "-p",
+                "delay_s=1",
+                "-p",
+                "delay_s=2",
+                "-o",
+                "out.mcap",
+            ],
+            2,
+        ),
         (["attack", "text.mcap", "-a", "replay", "-o", "text.mcap"], 2),
         (["attack", "empty.mcap", "-a", "meacon", "--donor", "text.mcap", "-o", "./text.mcap"], 2),
         (["attack", "text.mcap", "-a", "replay", "--start", "nan", "-o", "out.mcap"], 2),
@@ -100,7 +128,10 @@ def test_what_a_user_can_cause_is_one_sentence(words: list[str], code: int, tmp_
     ],
 )
 def test_any_mishap_is_one_line_that_a_terminal_can_show(
-    error: Exception, sentence: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    error: Exception,
+    sentence: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     def mishap() -> None:
         raise error
@@ -114,7 +145,12 @@ def test_any_mishap_is_one_line_that_a_terminal_can_show(
 
 def test_plugins_are_listed_for_machines(tmp_path: Path) -> None:
     rows = json.loads(_spoofbench("plugins", "--json", cwd=tmp_path).stdout)
-    assert {"kind": "attack", "name": "replay", "distribution": "spoofbench", "version": "0.1.0"} in rows
+    assert {
+        "kind": "attack",
+        "name": "replay",
+        "distribution": "spoofbench",
+        "version": "0.1.0",
+    } in rows
 
 
 def test_a_log_that_cannot_be_converted_does_not_stop_the_others(tmp_path: Path) -> None:
@@ -132,10 +168,17 @@ def test_the_doctor_answers_scripts_by_its_exit_code(tmp_path: Path) -> None:
     write(good.with_metadata({"source/gnss0": {"solution": "fused"}}), tmp_path / "fused.mcap")
     nowhere = pvt.replace(lat_deg=pvt["lat_deg"] * 0, lon_deg=pvt["lon_deg"] * 0)
     write(good.replace({"/gnss0/gnss/pvt": nowhere}), tmp_path / "nowhere.mcap")
-    for names, code in ((["good"], 0), (["fused", "good"], 3), (["nowhere", "fused"], 4), (["good", "missing"], 1)):
+    for names, code in (
+        (["good"], 0),
+        (["fused", "good"], 3),
+        (["nowhere", "fused"], 4),
+        (["good", "missing"], 1),
+    ):
         done = _spoofbench("doctor", "--json", *(f"{name}.mcap" for name in names), cwd=tmp_path)
         assert done.returncode == code, done.stderr
-        assert list(json.loads(done.stdout)) == [f"{name}.mcap" for name in names if name != "missing"]
+        assert list(json.loads(done.stdout)) == [
+            f"{name}.mcap" for name in names if name != "missing"
+        ]
     text = _spoofbench("doctor", "nowhere.mcap", cwd=tmp_path).stdout
     assert "error    impossible-position  /gnss0/gnss/pvt\n" in text
     assert max(map(len, text.splitlines())) <= 80

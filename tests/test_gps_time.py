@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spoofbench.gps_time import GPS_EPOCH_NS, LEAP_SECONDS, SECOND_NS, leap_seconds, leap_seconds_at_gps
+from spoofbench.gps_time import (
+    GPS_EPOCH_NS,
+    LEAP_SECONDS,
+    SECOND_NS,
+    leap_seconds,
+    leap_seconds_at_gps,
+)
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,11 @@ def _imports(path: Path) -> Iterator[tuple[int, str]]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}:{node.lineno}: relative import"
             yield node.lineno, node.module or ""
-            yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names if node.module == "spoofbench")
+            yield from (
+                (node.lineno, f"{node.module}.{alias.name}")
+                for alias in node.names
+                if node.module == "spoofbench"
+            )
 
 
 def _upward(path: Path) -> list[str]:
@@ -56,16 +60,25 @@ def _upward(path: Path) -> list[str]:
     return [
         f"{path.relative_to(ROOT)}:{line} imports {target}"
         for line, target in _imports(path)
-        if target.startswith("spoofbench.") and _floor(target) in ORDER and ORDER.index(_floor(target)) > height
+        if target.startswith("spoofbench.")
+        and _floor(target) in ORDER
+        and ORDER.index(_floor(target)) > height
     ]
 
 
 def test_every_module_has_a_floor() -> None:
-    assert {_floor(".".join(p.relative_to(ROOT).with_suffix("").parts)) for p in ROOT.rglob("*.py")} <= {*ORDER, "__init__", "__main__"}
+    assert {
+        _floor(".".join(p.relative_to(ROOT).with_suffix("").parts)) for p in ROOT.rglob("*.py")
+    } <= {*ORDER, "__init__", "__main__"}
 
 
 def test_imports_run_downwards() -> None:
-    upward = [line for path in sorted(ROOT.rglob("*.py")) if path.name != "__main__.py" for line in _upward(path)]
+    upward = [
+        line
+        for path in sorted(ROOT.rglob("*.py"))
+        if path.name != "__main__.py"
+        for line in _upward(path)
+    ]
     assert upward == []
 
 

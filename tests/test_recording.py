@@ -20,7 +20,12 @@ def tables(draw: st.DrawFn, kind: str | None = None) -> Table:
     """Any table of any kind: fields absent, present in some rows, or in all."""
     kind = kind or draw(st.sampled_from(sorted(KINDS)))
     rows = draw(st.integers(0, 8))
-    times = np.array(sorted(draw(st.lists(st.integers(0, 3) | st.integers(0, 2**62), min_size=rows, max_size=rows))), np.int64)
+    times = np.array(
+        sorted(
+            draw(st.lists(st.integers(0, 3) | st.integers(0, 2**62), min_size=rows, max_size=rows))
+        ),
+        np.int64,
+    )
     columns: dict[str, Any] = {}
     for field in KINDS[kind].fields.values():
         if not draw(st.booleans()):
@@ -28,13 +33,21 @@ def tables(draw: st.DrawFn, kind: str | None = None) -> Table:
         if field.category == "text":
             columns[field.name] = draw(st.lists(st.none() | WORDS, min_size=rows, max_size=rows))
         elif field.category == "bytes":
-            columns[field.name] = draw(st.lists(st.none() | st.binary(max_size=3), min_size=rows, max_size=rows))
+            columns[field.name] = draw(
+                st.lists(st.none() | st.binary(max_size=3), min_size=rows, max_size=rows)
+            )
         elif field.category == "float":
-            columns[field.name] = np.array(draw(st.lists(st.floats(width=32), min_size=rows, max_size=rows)), field.dtype)
+            columns[field.name] = np.array(
+                draw(st.lists(st.floats(width=32), min_size=rows, max_size=rows)), field.dtype
+            )
         else:
             top = 1 if field.category == "boolean" else 100
-            values = np.array(draw(st.lists(st.integers(0, top), min_size=rows, max_size=rows)), field.dtype)
-            columns[field.name] = Column(values, np.array(draw(st.lists(st.booleans(), min_size=rows, max_size=rows)), bool))
+            values = np.array(
+                draw(st.lists(st.integers(0, top), min_size=rows, max_size=rows)), field.dtype
+            )
+            columns[field.name] = Column(
+                values, np.array(draw(st.lists(st.booleans(), min_size=rows, max_size=rows)), bool)
+            )
     return Table(kind, times, columns)
 
 
@@ -48,7 +61,9 @@ def test_prefix_and_rest_make_the_whole(table: Table, cut: int) -> None:
     head, tail = table.take(slice(0, cut)), table.take(slice(cut, None))
     assert len(head) + len(tail) == len(table)
     for name in table:
-        np.testing.assert_array_equal(np.concatenate([head.valid(name), tail.valid(name)]), table.valid(name))
+        np.testing.assert_array_equal(
+            np.concatenate([head.valid(name), tail.valid(name)]), table.valid(name)
+        )
         if table.column(name).words is None:
             np.testing.assert_array_equal(np.concatenate([head[name], tail[name]]), table[name])
         else:
@@ -66,7 +81,11 @@ def test_the_past_does_not_know_the_future_words(table: Table, cut: int) -> None
 
 @given(tables())
 def test_no_array_can_be_made_writable(table: Table) -> None:
-    arrays = [table.time_ns, *(table[name] for name in table), *(table.take(slice(1, None))[name] for name in table)]
+    arrays = [
+        table.time_ns,
+        *(table[name] for name in table),
+        *(table.take(slice(1, None))[name] for name in table),
+    ]
     for array in arrays:
         with pytest.raises(ValueError, match="WRITEABLE"):
             array.flags.writeable = True
@@ -76,8 +95,13 @@ def test_no_array_can_be_made_writable(table: Table) -> None:
 def test_absent_columns_and_absent_values_are_equal(table: Table) -> None:
     named = {name: table.column(name) for name in table.kind.fields}
     assert Table(table.kind.name, table.time_ns, named) == table
-    topic = {"reference/pva": "/reference/pva", "truth/attack": "/truth/attack"}.get(table.kind.name, f"/s/{table.kind.name}")
-    assert Recording({topic: Table(table.kind.name, table.time_ns, named)}).digest() == Recording({topic: table}).digest()
+    topic = {"reference/pva": "/reference/pva", "truth/attack": "/truth/attack"}.get(
+        table.kind.name, f"/s/{table.kind.name}"
+    )
+    assert (
+        Recording({topic: Table(table.kind.name, table.time_ns, named)}).digest()
+        == Recording({topic: table}).digest()
+    )
 
 
 @given(tables())
@@ -87,7 +111,9 @@ def test_the_last_row_of_each_time_is_what_a_dictionary_by_time_keeps(table: Tab
 
 
 def _imu(times: list[int]) -> Table:
-    return Table("imu", np.array(times, np.int64), {"accel_x_mps2": np.arange(len(times), dtype=float)})
+    return Table(
+        "imu", np.array(times, np.int64), {"accel_x_mps2": np.arange(len(times), dtype=float)}
+    )
 
 
 def test_until_includes_its_time_and_between_is_half_open() -> None:
@@ -99,7 +125,9 @@ def test_until_includes_its_time_and_between_is_half_open() -> None:
 
 
 def test_blind_is_an_allow_list() -> None:
-    everything: dict[str, Table] = {f"/s/{kind}": Table(kind, np.zeros(0, np.int64), {}) for kind in SENSOR_KINDS}
+    everything: dict[str, Table] = {
+        f"/s/{kind}": Table(kind, np.zeros(0, np.int64), {}) for kind in SENSOR_KINDS
+    }
     everything["/reference/pva"] = Table("reference/pva", np.zeros(0, np.int64), {})
     everything["/truth/attack"] = Table("truth/attack", np.zeros(0, np.int64), {})
     metadata = {
@@ -143,8 +171,12 @@ def test_digest_sees_any_change() -> None:
     others = [
         Recording({"/b/imu": _imu([1, 2])}, base.metadata),
         Recording({"/a/imu": _imu([1, 3])}, base.metadata),
-        Recording({"/a/imu": _imu([1, 2]).replace(accel_x_mps2=np.array([0.0, 1.5]))}, base.metadata),
-        Recording({"/a/imu": _imu([1, 2]).replace(accel_x_mps2=np.array([-0.0, 1.0]))}, base.metadata),
+        Recording(
+            {"/a/imu": _imu([1, 2]).replace(accel_x_mps2=np.array([0.0, 1.5]))}, base.metadata
+        ),
+        Recording(
+            {"/a/imu": _imu([1, 2]).replace(accel_x_mps2=np.array([-0.0, 1.0]))}, base.metadata
+        ),
         base.with_metadata({"source/a": {"axes": "flu"}}),
     ]
     assert len({recording.digest() for recording in [base, *others]}) == 6
@@ -164,6 +196,8 @@ def test_digest_sees_any_change() -> None:
         ("gnss/signal", [1], {"signal": [b"1C"]}, "must be text"),
     ],
 )
-def test_what_does_not_fit_is_refused(kind: str, times: list[Any], columns: dict[str, Any], message: str) -> None:
+def test_what_does_not_fit_is_refused(
+    kind: str, times: list[Any], columns: dict[str, Any], message: str
+) -> None:
     with pytest.raises(RecordingError, match=message):
         Table(kind, np.array(times), columns)

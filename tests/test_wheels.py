@@ -1,4 +1,6 @@
-"""What is shipped: wheels of every distribution, installed in a fresh environment, with every entry point."""
+"""What is shipped: wheels of every distribution, installed in a fresh environment, with every entry
+point.
+"""
 
 import json
 import subprocess
@@ -26,7 +28,9 @@ print(json.dumps({"found": found, "file": spoofbench.__file__}))
 
 
 def _run(*command: str | Path, cwd: Path | None = None) -> str:
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, cwd=cwd, check=False)
+    done = subprocess.run(
+        [str(word) for word in command], capture_output=True, text=True, cwd=cwd, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -35,7 +39,16 @@ def _run(*command: str | Path, cwd: Path | None = None) -> str:
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     out = tmp_path_factory.mktemp("wheels")
     for distribution in DISTRIBUTIONS:
-        _run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", out, distribution)
+        _run(
+            sys.executable,
+            "-m",
+            "build",
+            "--wheel",
+            "--no-isolation",
+            "--outdir",
+            out,
+            distribution,
+        )
     return sorted(out.glob("*.whl"))
 
 
@@ -47,13 +60,29 @@ def test_every_distribution_says_what_it_is(wheels: list[Path]) -> None:
         assert not [name for name in names if "test_" in name], wheel.name
 
 
-def test_every_entry_point_is_found_and_loads_in_a_fresh_environment(wheels: list[Path], tmp_path: Path) -> None:
+def test_every_entry_point_is_found_and_loads_in_a_fresh_environment(
+    wheels: list[Path], tmp_path: Path
+) -> None:
     fresh = tmp_path / "fresh"
     _run(sys.executable, "-m", "venv", "--without-pip", fresh)
     python = fresh / "bin" / "python"
-    _run(sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-deps", "--no-index", *wheels)
-    site = Path(_run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip())
-    # A path line makes the dependencies importable without running the .pth files of the editable installs beside them.
+    _run(
+        sys.executable,
+        "-m",
+        "pip",
+        "--python",
+        python,
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-index",
+        *wheels,
+    )
+    site = Path(
+        _run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip()
+    )
+    # A path line makes the dependencies importable without running the .pth files of the editable
+    # installs beside them.
     (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
     answer = json.loads(_run(python, "-I", "-c", LOAD_ALL, cwd=tmp_path))
     declared: dict[str, dict[str, str]] = {}

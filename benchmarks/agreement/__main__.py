@@ -1,7 +1,9 @@
-"""``python -m benchmarks.agreement [DATA]``: what the converters make of every log in a folder, and where others disagree.
+"""``python -m benchmarks.agreement [DATA]``: what the converters make of every log in a folder, and
+where others disagree.
 
-Others are pyubx2, pynmeagps and pynmea2 (frames and sentences by their bytes), a slow reference reading of the same
-streams, gpsd's JSON beside a log (``*.chk``), rosbags, pandas, and what the folder's manifests say.
+Others are pyubx2, pynmeagps and pynmea2 (frames and sentences by their bytes), a slow reference
+reading of the same streams, gpsd's JSON beside a log (``*.chk``), rosbags, pandas, and what the
+folder's manifests say.
 """
 
 import argparse
@@ -19,8 +21,12 @@ _DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.agreement", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("data", nargs="?", type=Path, default=_DATA, metavar="DATA", help="a folder of logs")
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.agreement", description=(__doc__ or "").splitlines()[0]
+    )
+    parser.add_argument(
+        "data", nargs="?", type=Path, default=_DATA, metavar="DATA", help="a folder of logs"
+    )
     parser.add_argument("--only", default="", help="part of the names of the logs to look at")
     parser.add_argument("--out", type=Path, help="a folder for agreement.md and agreement.json")
     parser.add_argument("--workers", type=int, default=2)

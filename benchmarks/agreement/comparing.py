@@ -16,16 +16,30 @@ from benchmarks.agreement.ours import Ours, measures
 from spoofbench.converting import Source
 
 _EXPLANATIONS = Path(__file__).with_name("explanations.toml")
-_TRACK_TOLERANCE = {"epochs": 0.0, "epochs_fix": 0.0, "duration_s": 0.005, "distance_m": 0.02, "max_speed_mps": 0.01}
+_TRACK_TOLERANCE = {
+    "epochs": 0.0,
+    "epochs_fix": 0.0,
+    "duration_s": 0.005,
+    "distance_m": 0.02,
+    "max_speed_mps": 0.01,
+}
 _LEAST_DISTANCE_M = 1000.0
 """The manifests leave out steps within the noise; so much of a track do they tell something of."""
-_GPSD_LIMITS = {"position_m": 0.02, "height_m": 0.11, "height_msl_m": 0.11, "speed_mps": 0.006, "course_deg": 0.011}
+_GPSD_LIMITS = {
+    "position_m": 0.02,
+    "height_m": 0.11,
+    "height_msl_m": 0.11,
+    "speed_mps": 0.006,
+    "course_deg": 0.011,
+}
 """Differences above these are more than gpsd's last digit and the log's."""
 
 
 @dataclass(frozen=True, slots=True)
 class Disagreement:
-    """What a peer and we say differently of a log, and why; ``explanation`` is empty where nobody has looked yet."""
+    """What a peer and we say differently of a log, and why; ``explanation`` is empty where nobody
+    has looked yet.
+    """
 
     file: str
     kind: str
@@ -35,7 +49,9 @@ class Disagreement:
 
 
 def compare(log: Log, ours: Ours) -> tuple[list[Disagreement], gpsd.Agreement | None]:
-    """Compare a conversion with all that applies to the log; also return gpsd's agreement where there is its JSON."""
+    """Compare a conversion with all that applies to the log; also return gpsd's agreement where
+    there is its JSON.
+    """
     found: gpsd.Agreement | None = None
     said = [*_frames(log, ours), *_bag(log, ours), *_tables(log, ours), *_manifest(log, ours)]
     chk = log.path.with_name(log.path.name + ".chk")
@@ -44,7 +60,10 @@ def compare(log: Log, ours: Ours) -> tuple[list[Disagreement], gpsd.Agreement | 
         said += _gpsd(found)
     elif chk.exists() and gpsd.epochs(chk)[0].size:
         said.append(("gpsd epochs", "no PVT", f"{gpsd.epochs(chk)[0].size} epochs"))
-    return [Disagreement(log.name, kind, mine, theirs, explanation(log.name, kind)) for kind, mine, theirs in said], found
+    return [
+        Disagreement(log.name, kind, mine, theirs, explanation(log.name, kind))
+        for kind, mine, theirs in said
+    ], found
 
 
 _Said = tuple[str, str, str]
@@ -52,7 +71,9 @@ _Said = tuple[str, str, str]
 
 def _frames(log: Log, ours: Ours) -> Iterator[_Said]:
     source = Source.of(log.path)
-    stream = ours.format in ("ubx", "nmea") or (ours.recording is None and log.manifest.get("format", "").startswith(("ubx", "nmea")))
+    stream = ours.format in ("ubx", "nmea") or (
+        ours.recording is None and log.manifest.get("format", "").startswith(("ubx", "nmea"))
+    )
     if log.path.is_dir() or source.is_archive or not stream:
         return
     octets = peers.unpacked(log.path)
@@ -72,7 +93,11 @@ def _counted(kind: str, ours: Counter[bytes], theirs: Counter[bytes]) -> Iterato
     """Compare frames by their bytes; name the types of those that only one side has."""
     only_ours, only_theirs = ours - theirs, theirs - ours
     if only_ours or only_theirs:
-        yield kind, f"{ours.total()}; alone {_types(only_ours)}", f"{theirs.total()}; alone {_types(only_theirs)}"
+        yield (
+            kind,
+            f"{ours.total()}; alone {_types(only_ours)}",
+            f"{theirs.total()}; alone {_types(only_theirs)}",
+        )
 
 
 def _types(frames: Counter[bytes]) -> str:
@@ -97,13 +122,25 @@ def _bag(log: Log, ours: Ours) -> Iterator[_Said]:
         yield "rosbags messages", f"{ours.ledger.used + ours.ledger.skipped}", "refused"
         return
     if sum(theirs.values()) != ours.ledger.used + ours.ledger.skipped:
-        yield "rosbags messages", f"{ours.ledger.used + ours.ledger.skipped}", f"{sum(theirs.values())}"
+        yield (
+            "rosbags messages",
+            f"{ours.ledger.used + ours.ledger.skipped}",
+            f"{sum(theirs.values())}",
+        )
     for topic, rows in sorted(ours.ledger.rows.items()):
-        source = topic.split("/")[1] if topic.count("/") > 2 or not topic.startswith("/reference") else "reference"
+        source = (
+            topic.split("/")[1]
+            if topic.count("/") > 2 or not topic.startswith("/reference")
+            else "reference"
+        )
         names = ours.recording.metadata.get(f"source/{source}", {}).get("topic", "").split()
         counts = {name: theirs[name] for name in names if name in theirs}
         if rows not in counts.values():
-            yield "rosbags rows", f"{topic} {rows}", " ".join(f"{name} {count}" for name, count in counts.items()) or "no such topic"
+            yield (
+                "rosbags rows",
+                f"{topic} {rows}",
+                " ".join(f"{name} {count}" for name, count in counts.items()) or "no such topic",
+            )
 
 
 def _tables(log: Log, ours: Ours) -> Iterator[_Said]:
@@ -132,7 +169,10 @@ def _manifest(log: Log, ours: Ours) -> Iterator[_Said]:
             continue
         theirs, unit = float(text), 10.0 ** -len(text.partition(".")[2])
         candidates = [mine[name], *_durations(ours)] if name == "duration_s" else [mine[name]]
-        if not any(abs(value - theirs) <= max(tolerance * theirs, unit) or math.isnan(value) for value in candidates):
+        if not any(
+            abs(value - theirs) <= max(tolerance * theirs, unit) or math.isnan(value)
+            for value in candidates
+        ):
             yield f"manifest {name}", f"{mine[name]:g}", f"{theirs:g}"
 
 
@@ -152,7 +192,11 @@ def _gpsd(found: gpsd.Agreement) -> Iterator[_Said]:
         if far.size:
             yield f"gpsd {name}", f"{far.size} of {values.size} differ", f"by up to {far.max():.4g}"
     if any(found.modes):
-        yield "gpsd fix", f"{found.modes[1]} positions where gpsd has no fix", f"{found.modes[0]} fixes where we have no position"
+        yield (
+            "gpsd fix",
+            f"{found.modes[1]} positions where gpsd has no fix",
+            f"{found.modes[0]} fixes where we have no position",
+        )
     both, theirs, ours = found.satellites
     if both + theirs and theirs + ours:
         yield "gpsd satellites", f"{both} the same, {ours} alone", f"{theirs} alone"
@@ -161,10 +205,13 @@ def _gpsd(found: gpsd.Agreement) -> Iterator[_Said]:
 def explanation(file: str, kind: str) -> str:
     """Return what was found out about a disagreement; empty where nobody has looked.
 
-    ``explanations.toml`` has tables ``[[explanation]]`` with ``files`` and ``kinds`` (patterns as of a shell) and ``text``.
+    ``explanations.toml`` has tables ``[[explanation]]`` with ``files`` and ``kinds`` (patterns as
+    of a shell) and ``text``.
     """
     for entry in _explanations():
-        if any(fnmatchcase(file, p) for p in entry["files"]) and any(fnmatchcase(kind, p) for p in entry["kinds"]):
+        if any(fnmatchcase(file, p) for p in entry["files"]) and any(
+            fnmatchcase(kind, p) for p in entry["kinds"]
+        ):
             return str(entry["text"])
     return ""
 

@@ -12,7 +12,9 @@ NO_LOGS = (".chk", ".md", ".msg", ".tag")
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """A log: its path, its name within the folder, the manifest's row on it, and the format and options to convert it with."""
+    """A log: its path, its name within the folder, the manifest's row on it, and the format and
+    options to convert it with.
+    """
 
     path: Path
     name: str
@@ -24,7 +26,8 @@ class Log:
 def logs(folder: Path) -> Iterator[Log]:
     """Yield the logs in a folder, in the order of their names.
 
-    Definitions, companions and other parsers' answers are none. ``options.toml`` beside this file gives options by name.
+    Definitions, companions and other parsers' answers are none. ``options.toml`` beside this file
+    gives options by name.
     """
     rows = {
         manifest.parent / row.get("stored_as", row.get("name", "")): row
@@ -36,6 +39,9 @@ def logs(folder: Path) -> Iterator[Log]:
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         if path.suffix in NO_LOGS or path.name in ("manifest.csv", "LICENSE", "NOTICE"):
             continue
-        given = {name: text.replace("{folder}", str(path.parent)) for name, text in options.get(path.name, {}).items()}
+        given = {
+            name: text.replace("{folder}", str(path.parent))
+            for name, text in options.get(path.name, {}).items()
+        }
         form = given.pop("format", None)
         yield Log(path, path.relative_to(folder).as_posix(), rows.get(path, {}), given, form)

@@ -22,7 +22,9 @@ REFERENCE_DATE = "2024-01-01"
 
 @dataclass(frozen=True)
 class Ours:
-    """One log's conversion: the ledger and the recording, or why there is none; ``date`` where one had to be given."""
+    """One log's conversion: the ledger and the recording, or why there is none; ``date`` where one
+    had to be given.
+    """
 
     ledger: Ledger | None
     recording: Recording | None
@@ -37,11 +39,17 @@ class Ours:
 
     @property
     def pvt(self) -> Table | None:
-        return self.recording.primary("gnss/pvt") if self.recording and self.recording.topics("gnss/pvt") else None
+        return (
+            self.recording.primary("gnss/pvt")
+            if self.recording and self.recording.topics("gnss/pvt")
+            else None
+        )
 
 
 def converted(log: Log, out: Path) -> Ours:
-    """Convert a log; where it is refused for want of a date, say so and give :data:`REFERENCE_DATE`."""
+    """Convert a log; where it is refused for want of a date, say so and give
+    :data:`REFERENCE_DATE`.
+    """
     refusal: str | None = None
     for options in (log.options, {**log.options, "date": REFERENCE_DATE}):
         begin = time.perf_counter()
@@ -54,12 +62,16 @@ def converted(log: Log, out: Path) -> Ours:
         else:
             seconds = time.perf_counter() - begin
             recording = read(out)
-            return Ours(ledger, recording, seconds, refusal, options.get("date"), frames_found(log.path))
+            return Ours(
+                ledger, recording, seconds, refusal, options.get("date"), frames_found(log.path)
+            )
     return Ours(None, None, 0.0, refusal)
 
 
 def frames_found(path: Path, piece_bytes: int = 4 * 2**20) -> Counter[bytes]:
-    """Return the UBX frames and sentences that our demultiplexer finds in pieces of this size, each by its bytes."""
+    """Return the UBX frames and sentences that our demultiplexer finds in pieces of this size, each
+    by its bytes.
+    """
     from spoofbench_converters.stream.demux import demultiplex
     from spoofbench_converters.stream.stamps import Stamps
 
@@ -70,7 +82,12 @@ def frames_found(path: Path, piece_bytes: int = 4 * 2**20) -> Counter[bytes]:
             for piece in demultiplex(stream, Stamps(zone_is_utc=False), piece_bytes=piece_bytes):
                 for frames in (piece.ubx, piece.nmea):
                     octets = frames.octets.tobytes()
-                    found.update(octets[a : a + n] for a, n in zip(frames.starts.tolist(), frames.lengths.tolist(), strict=True))
+                    found.update(
+                        octets[a : a + n]
+                        for a, n in zip(
+                            frames.starts.tolist(), frames.lengths.tolist(), strict=True
+                        )
+                    )
     return found
 
 
@@ -93,13 +110,25 @@ def measures(table: Table) -> dict[str, float]:
 
 def as_dict(ours: Ours) -> Mapping[str, Any]:
     """Return what is to be shown of a conversion."""
-    shown: dict[str, Any] = {"format": ours.format, "seconds": round(ours.seconds, 3), "refused": ours.error, "date_given": ours.date}
+    shown: dict[str, Any] = {
+        "format": ours.format,
+        "seconds": round(ours.seconds, 3),
+        "refused": ours.error,
+        "date_given": ours.date,
+    }
     if ours.ledger is not None and ours.recording is not None:
         ledger = ours.ledger
         shown |= {"unit": ledger.unit, "used": ledger.used, "skipped": ledger.skipped}
-        shown |= {"rows": dict(sorted(ledger.rows.items())), "rejects": dict(ledger.reasons.most_common())}
+        shown |= {
+            "rows": dict(sorted(ledger.rows.items())),
+            "rejects": dict(ledger.reasons.most_common()),
+        }
         shown |= {"clock": ours.recording.metadata["recording"].get("clock")}
-        shown |= {"clock_steps": len(json.loads(ours.recording.metadata["recording"].get("clock_steps", "[]")))}
+        shown |= {
+            "clock_steps": len(
+                json.loads(ours.recording.metadata["recording"].get("clock_steps", "[]"))
+            )
+        }
     if ours.pvt is not None:
         shown |= {"track": measures(ours.pvt)}
     return shown

@@ -24,14 +24,24 @@ def unpacked(path: Path) -> bytes:
 
 def reference(log: bytes) -> Counter[bytes]:
     """UBX frames and sentences of the slow reference, by their bytes."""
-    return Counter(log[frame.start : frame.start + frame.length] for frame in frames(log) if frame.protocol != "rtcm3")
+    return Counter(
+        log[frame.start : frame.start + frame.length]
+        for frame in frames(log)
+        if frame.protocol != "rtcm3"
+    )
 
 
 def pyubx2(log: bytes) -> Counter[bytes]:
-    """UBX frames that pyubx2 parses, by their bytes; what it fails at is left out, and it reads on."""
+    """UBX frames that pyubx2 parses, by their bytes; what it fails at is left out, and it reads
+    on.
+    """
     from pyubx2 import ERR_IGNORE, UBX_PROTOCOL, UBXReader
 
-    return _read(UBXReader(io.BytesIO(log), protfilter=UBX_PROTOCOL, quitonerror=ERR_IGNORE, parsebitfield=False))
+    return _read(
+        UBXReader(
+            io.BytesIO(log), protfilter=UBX_PROTOCOL, quitonerror=ERR_IGNORE, parsebitfield=False
+        )
+    )
 
 
 def pynmeagps(log: bytes) -> Counter[bytes]:
@@ -92,13 +102,19 @@ def rosbags(path: Path) -> Mapping[str, int] | None:
 
 
 def pandas(path: Path) -> Mapping[str, int]:
-    """Rows by file as pandas reads them with its defaults, of a CSV or of all CSVs in an archive or folder; refused ones are left out."""
+    """Rows by file as pandas reads them with its defaults, of a CSV or of all CSVs in an archive or
+    folder; refused ones are left out.
+    """
     import pandas as peer
 
     openings: dict[str, Callable[[], Any]] = {}
     with suppress(SpoofbenchError):
         source = Source.of(path)
-        openings = {name: member.open for name, member in source.members().items() if name.endswith(".csv") and name != "Metadata.csv"}
+        openings = {
+            name: member.open
+            for name, member in source.members().items()
+            if name.endswith(".csv") and name != "Metadata.csv"
+        }
         if path.name.endswith((".csv", ".csv.gz")):
             openings = {path.name: source.open}
     rows = {}
@@ -118,5 +134,9 @@ def lines(path: Path) -> Mapping[str, int]:
             for line in stream:
                 fields = line.split(b",", 2)
                 if line[:1].isalpha() and len(fields) > 1:
-                    counts[b",".join(fields[: 2 if fields[0] == b"Fix" else 1]).decode("ascii", "replace")] += 1
+                    counts[
+                        b",".join(fields[: 2 if fields[0] == b"Fix" else 1]).decode(
+                            "ascii", "replace"
+                        )
+                    ] += 1
     return counts

@@ -1,9 +1,10 @@
 """Digests of what the product makes, to hold one version of the code against another.
 
-``python -m benchmarks.digests -o before.json`` converts the small logs that fuzzing starts from and, where present, every
-log of ``--data``, runs the demo's suite, and writes one SHA-256 per converted file, per task's decisions and per task's
-scores. ``--against before.json`` then lists what differs, and the exit code says whether anything does. Task ids are left
-out, for they change with the code, and so are the words of messages.
+``python -m benchmarks.digests -o before.json`` converts the small logs that fuzzing starts from
+and, where present, every log of ``--data``, runs the demo's suite, and writes one SHA-256 per
+converted file, per task's decisions and per task's scores. ``--against before.json`` then lists
+what differs, and the exit code says whether anything does. Task ids are left out, for they change
+with the code, and so are the words of messages.
 """
 
 import argparse
@@ -85,7 +86,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.digests", description=__doc__)
     parser.add_argument("-o", "--out", type=Path, help="write the digests to this file")
     parser.add_argument("--against", type=Path, help="digests of another version")
-    parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="a folder of logs")
+    parser.add_argument(
+        "--data", type=Path, default=Path("../shared/data"), help="a folder of logs"
+    )
     parser.add_argument("--without-demo", action="store_true", help="converted logs alone")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -99,7 +102,11 @@ def main() -> int:
     if arguments.against is None:
         return 0
     other = json.loads(arguments.against.read_text())
-    names = [name for name in other if name in digests or not arguments.without_demo or name.startswith(("made/", "data/"))]
+    names = [
+        name
+        for name in other
+        if name in digests or not arguments.without_demo or name.startswith(("made/", "data/"))
+    ]
     differing = sorted(name for name in {*names, *digests} if other.get(name) != digests.get(name))
     for name in differing:
         print(f"differs: {name}: {str(other.get(name))[:90]} | {str(digests.get(name))[:90]}")

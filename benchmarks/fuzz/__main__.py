@@ -1,13 +1,16 @@
-"""``python -m benchmarks.fuzz``: damaged and hostile logs for every converter, and for the reader of recordings.
+"""``python -m benchmarks.fuzz``: damaged and hostile logs for every converter, and for the reader
+of recordings.
 
-Inputs are mutations of small logs that are made here and of the beginnings of real ones in DATA: flipped bits, numbers
-where lengths are, cuts, repeats, moves, splices of other logs, tokens of the format, and changes within frames,
-sentences and archives that leave their checksums right. The same seed makes the same inputs.
+Inputs are mutations of small logs that are made here and of the beginnings of real ones in DATA:
+flipped bits, numbers where lengths are, cuts, repeats, moves, splices of other logs, tokens of the
+format, and changes within frames, sentences and archives that leave their checksums right. The same
+seed makes the same inputs.
 
-Bounds, for every input of up to 512 KiB (an archive may unpack to 8 times that): one answer within 20 s; at most 1 GiB of
-address space more than the process had; rows or one SpoofbenchError, nothing else; every byte accounted for once; the
-same rows from streams that give fewer bytes than asked for (every eighth input, archives aside); and the frames of the slow reference
-(nmea, ubx), neither fewer nor more. Failing inputs are kept in the corpus with the traceback; what is in the corpus
+Bounds, for every input of up to 512 KiB (an archive may unpack to 8 times that): one answer within
+20 s; at most 1 GiB of address space more than the process had; rows or one SpoofbenchError, nothing
+else; every byte accounted for once; the same rows from streams that give fewer bytes than asked for
+(every eighth input, archives aside); and the frames of the slow reference (nmea, ubx), neither
+fewer nor more. Failing inputs are kept in the corpus with the traceback; what is in the corpus
 already is tried first.
 """
 
@@ -24,11 +27,22 @@ _DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.fuzz", description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.fuzz", description=(__doc__ or "").splitlines()[0]
+    )
     parser.add_argument("--seconds", type=float, default=60.0, help="for each target")
-    parser.add_argument("--converter", action="append", choices=names(), metavar="NAME", help=f"one of {names()}; all by default")
     parser.add_argument(
-        "--corpus", type=Path, default=Path(tempfile.gettempdir(), "spoofbench-corpus"), help="where failing inputs are kept"
+        "--converter",
+        action="append",
+        choices=names(),
+        metavar="NAME",
+        help=f"one of {names()}; all by default",
+    )
+    parser.add_argument(
+        "--corpus",
+        type=Path,
+        default=Path(tempfile.gettempdir(), "spoofbench-corpus"),
+        help="where failing inputs are kept",
     )
     parser.add_argument("--data", type=Path, default=_DATA, help="a folder of real logs")
     parser.add_argument("--seed", type=int, default=0)
@@ -38,7 +52,14 @@ def main() -> None:
     print(f"{'target':<10}{'inputs':>10}{'seconds':>9}{'failures':>10}{'kinds':>7}{'peak MiB':>10}")
     for target in arguments.converter or names():
         again = _again(target, arguments.corpus)
-        found = fuzz(target, seeds(target, arguments.data), arguments.seconds, arguments.corpus, arguments.workers, arguments.seed)
+        found = fuzz(
+            target,
+            seeds(target, arguments.data),
+            arguments.seconds,
+            arguments.corpus,
+            arguments.workers,
+            arguments.seed,
+        )
         failed += found.failed + again
         _show(found)
     print(f"failing inputs are in {arguments.corpus}" if failed else "no failures")
@@ -47,7 +68,10 @@ def main() -> None:
 
 def _show(found: Found) -> None:
     peak = found.peak_bytes / 2**20
-    print(f"{found.target:<10}{found.inputs:>10,}{found.seconds:>9.0f}{found.failed:>10,}{len(found.failures):>7}{peak:>10.0f}", flush=True)
+    print(
+        f"{found.target:<10}{found.inputs:>10,}{found.seconds:>9.0f}{found.failed:>10,}{len(found.failures):>7}{peak:>10.0f}",
+        flush=True,
+    )
     for signature, count in sorted(found.failures.items(), key=lambda item: -item[1]):
         print(f"  {count:>6,}  {signature}")
 

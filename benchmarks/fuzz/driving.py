@@ -28,7 +28,9 @@ _QUEUE_S = 0.2
 
 @dataclass
 class Found:
-    """What fuzzing of a target gave: inputs tried, seconds, failures by signature, peak memory of a worker."""
+    """What fuzzing of a target gave: inputs tried, seconds, failures by signature, peak memory of a
+    worker.
+    """
 
     target: str
     inputs: int = 0
@@ -48,7 +50,14 @@ def make(seeds: Sequence[bytes], target: str, seed: int, turn: int) -> bytes:
     return log if turn < 2 else mutate(rng, log, seeds, TOKENS.get(target, TOKENS["table"]))
 
 
-def fuzz(target: str, seeds: Sequence[bytes], seconds: float, corpus: Path, workers: int = 2, seed: int = 0) -> Found:
+def fuzz(
+    target: str,
+    seeds: Sequence[bytes],
+    seconds: float,
+    corpus: Path,
+    workers: int = 2,
+    seed: int = 0,
+) -> Found:
     """Try inputs for some seconds; save failing ones to the corpus, three of each kind."""
     found, begin = Found(target), time.monotonic()
     context = multiprocessing.get_context("fork")
@@ -64,10 +73,20 @@ def fuzz(target: str, seeds: Sequence[bytes], seconds: float, corpus: Path, work
 
 
 class _Worker:
-    """A process that tries one input after the other, and is started anew where it hangs or dies."""
+    """A process that tries one input after the other, and is started anew where it hangs or
+    dies.
+    """
 
-    def __init__(self, context: Any, target: str, seeds: Sequence[bytes], seed: int, corpus: Path) -> None:
-        self._context, self._target, self._seeds, self._seed, self._corpus = context, target, seeds, seed, corpus
+    def __init__(
+        self, context: Any, target: str, seeds: Sequence[bytes], seed: int, corpus: Path
+    ) -> None:
+        self._context, self._target, self._seeds, self._seed, self._corpus = (
+            context,
+            target,
+            seeds,
+            seed,
+            corpus,
+        )
         self._turn: Synchronized[int] = context.Value("q", -1)
         self._peak: Synchronized[int] = context.Value("q", 0)
         self._answers = context.SimpleQueue()
@@ -75,13 +94,23 @@ class _Worker:
         self._start(0)
 
     def _start(self, turn: int) -> None:
-        arguments = (self._target, self._seeds, self._seed, turn, self._turn, self._peak, self._answers)
+        arguments = (
+            self._target,
+            self._seeds,
+            self._seed,
+            turn,
+            self._turn,
+            self._peak,
+            self._answers,
+        )
         self._process = self._context.Process(target=_try, args=arguments, daemon=True)
         self._process.start()
         self._since = time.monotonic()
 
     def watch(self, found: Found) -> None:
-        """Take what the process says; where it hangs or has died, note it and go on with the next input."""
+        """Take what the process says; where it hangs or has died, note it and go on with the next
+        input.
+        """
         self._take(found)
         turn, now = self._turn.value, time.monotonic()
         if turn != self._seen:
@@ -118,7 +147,13 @@ class _Worker:
 
 
 def _try(
-    target: str, seeds: Sequence[bytes], seed: int, turn: int, shown: "Synchronized[int]", peak: "Synchronized[int]", answers: Any
+    target: str,
+    seeds: Sequence[bytes],
+    seed: int,
+    turn: int,
+    shown: "Synchronized[int]",
+    peak: "Synchronized[int]",
+    answers: Any,
 ) -> None:
     """Try inputs from a turn on, for ever."""
     warnings.simplefilter("ignore")
@@ -144,9 +179,17 @@ def _signature(error: BaseException) -> str:
     cause = error
     while cause.__cause__ is not None:
         cause = cause.__cause__
-    places = [frame for frame in traceback.extract_tb(cause.__traceback__) if "spoofbench" in frame.filename]
+    places = [
+        frame
+        for frame in traceback.extract_tb(cause.__traceback__)
+        if "spoofbench" in frame.filename
+    ]
     place = f"{Path(places[-1].filename).name}:{places[-1].name}" if places else "?"
-    text = str(cause).partition(":")[0][:60] if type(cause).__name__ in ("Broken", "CheckFailed") else ""
+    text = (
+        str(cause).partition(":")[0][:60]
+        if type(cause).__name__ in ("Broken", "CheckFailed")
+        else ""
+    )
     return f"{type(cause).__name__} in {place} {text}".strip()
 
 

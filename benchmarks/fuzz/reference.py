@@ -1,7 +1,9 @@
-"""A slow reading of streams of UBX, NMEA and RTCM 3, one place after the other: what the demultiplexer must find.
+"""A slow reading of streams of UBX, NMEA and RTCM 3, one place after the other: what the
+demultiplexer must find.
 
-Written from the specifications alone: u-blox interface descriptions ("UBX frame structure", "UBX checksum"), NMEA 0183
-(IEC 61162-1, section 7) and RTCM 10403.3 (section 4, transport layer). It shares nothing with the demultiplexer.
+Written from the specifications alone: u-blox interface descriptions ("UBX frame structure", "UBX
+checksum"), NMEA 0183 (IEC 61162-1, section 7) and RTCM 10403.3 (section 4, transport layer). It
+shares nothing with the demultiplexer.
 """
 
 import re
@@ -26,7 +28,8 @@ class Frame(NamedTuple):
 
 
 def frames(log: bytes, most_ubx: int = 65_535, most_nmea: int = 1024) -> Iterator[Frame]:
-    """Yield the frames of a log: at each place from left to right the first valid one wins, else one byte is skipped.
+    """Yield the frames of a log: at each place from left to right the first valid one wins, else
+    one byte is skipped.
 
     Args:
         most_ubx: longest payload of a UBX frame.
@@ -90,6 +93,8 @@ def types(log: bytes, found: Iterator[Frame]) -> Counter[str]:
         elif protocol == "rtcm3":
             name = f"RTCM3 {int.from_bytes(log[start + 3 : start + 5], 'big') >> 4}"
         else:
-            name = "NMEA " + re.split(rb"[,*]", log[start + 1 : start + length], maxsplit=1)[0].decode("ascii")
+            name = "NMEA " + re.split(rb"[,*]", log[start + 1 : start + length], maxsplit=1)[
+                0
+            ].decode("ascii")
         counts[name] += 1
     return counts

@@ -31,8 +31,8 @@ def check(target: str, path: Path, turn: int) -> None:
     Args:
         turn: number of the input; every eighth is also read in small pieces.
 
-    Raises:
-        Exception: whatever is not allowed: a law does not hold, or the target raises what is no SpoofbenchError.
+    Raises: Exception: whatever is not allowed: a law does not hold, or the target raises what is no
+        SpoofbenchError.
     """
     if target == MCAP:
         _check_mcap(path)
@@ -64,11 +64,26 @@ def _check_mcap(path: Path) -> None:
 def _check_account(subject: Subject, found: Outcome) -> None:
     if found.error is not None:
         return
-    if subject.converter.UNIT == "bytes" and found.size is not None and found.used + found.skipped != found.size:
-        raise Broken(f"used and skipped make {found.used + found.skipped}, not the {found.size} bytes of the log")
+    if (
+        subject.converter.UNIT == "bytes"
+        and found.size is not None
+        and found.used + found.skipped != found.size
+    ):
+        raise Broken(
+            f"used and skipped make {found.used + found.skipped}, not the {found.size} bytes of "
+            "the log"
+        )
     end = 0
     for offset, length, reason in found.rejects:
-        if offset < 0 or length < 0 or (found.size is not None and subject.converter.UNIT == "bytes" and offset + length > found.size):
+        if (
+            offset < 0
+            or length < 0
+            or (
+                found.size is not None
+                and subject.converter.UNIT == "bytes"
+                and offset + length > found.size
+            )
+        ):
             raise Broken(f"the reject {reason!r} lies beyond the log")
         if subject.converter.UNIT == "bytes" and length and offset < end:
             raise Broken(f"the reject {reason!r} overlaps another")
@@ -81,8 +96,15 @@ def _check_frames(path: Path, piece_bytes: int) -> None:
 
     with suppress(SpoofbenchError), Source.of(path).open() as stream:
         log = stream.read()
-        expected = Counter(log[frame.start : frame.start + frame.length] for frame in frames(log) if frame.protocol != "rtcm3")
+        expected = Counter(
+            log[frame.start : frame.start + frame.length]
+            for frame in frames(log)
+            if frame.protocol != "rtcm3"
+        )
         found = frames_found(path, piece_bytes)
         if found != expected:
             lost, more = expected - found, found - expected
-            raise Broken(f"frames differ from the reference: lost {list(lost)[:2]!r}, more {list(more)[:2]!r}")
+            raise Broken(
+                f"frames differ from the reference: lost {list(lost)[:2]!r}, more "
+                f"{list(more)[:2]!r}"
+            )

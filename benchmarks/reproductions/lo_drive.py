@@ -1,11 +1,13 @@
-"""Lo et al.'s comparison on a recording with GNSS and IMU: what the axes, pitch and the receiver's lag do.
+"""Lo et al.'s comparison on a recording with GNSS and IMU: what the axes, pitch and the receiver's
+lag do.
 
     python benchmarks/reproductions/lo_drive.py drive.mcap [--lag-s 0.34] [--json]
 
-The paper's flights are not public; its Table 1 has, after 5 s of exponential averaging, correlations of 0.93 and 0.96 on the
-vertical axis of an aircraft. A car is another case: along the track, and with pitch from the velocity. The lag is a property
-of the receiver: 0.34 s is that of the drive of the demo. The alerts are those of the multi-condition monitor with the
-published thresholds.
+The paper's flights are not public; its Table 1 has, after 5 s of exponential averaging,
+correlations of 0.93 and 0.96 on the vertical axis of an aircraft. A car is another case: along the
+track, and with pitch from the velocity. The lag is a property of the receiver: 0.34 s is that of
+the drive of the demo. The alerts are those of the multi-condition monitor with the published
+thresholds.
 """
 
 import argparse
@@ -27,12 +29,17 @@ from spoofbench.recording import Recording
 
 
 def comparison(monitor: AccelerationMonitor, recording: Recording) -> dict[str, Any]:
-    """Correlation of sensed and expected specific force, per epoch and averaged; mean and deviation of the averaged difference."""
+    """Correlation of sensed and expected specific force, per epoch and averaged; mean and deviation
+    of the averaged difference.
+    """
     compared = monitor.compare(recording)
     time_s = (compared.time_ns - compared.time_ns[0]) * 1e-9
     both = ~np.isnan(compared.sensed_mps2 + compared.expected_mps2)
     sensed, expected = compared.sensed_mps2[both], compared.expected_mps2[both]
-    averages = [exponential_average(time_s[both], x, monitor.averaging_s, monitor.averaging)[0] for x in (sensed, expected)]
+    averages = [
+        exponential_average(time_s[both], x, monitor.averaging_s, monitor.averaging)[0]
+        for x in (sensed, expected)
+    ]
     difference = averages[0] - averages[1]
     decisions = detect(monitor, recording)
     return {
@@ -50,23 +57,32 @@ def comparison(monitor: AccelerationMonitor, recording: Recording) -> dict[str, 
 
 
 def measure(recording: Recording, lag_s: float) -> list[dict[str, Any]]:
-    """One row per axis, pitch, source of the acceleration and lag; the mean difference along the track is the IMU's mounting."""
+    """One row per axis, pitch, source of the acceleration and lag; the mean difference along the
+    track is the IMU's mounting.
+    """
     axes: tuple[Axis, ...] = ("along_track", "vertical")
     sources: tuple[Origin, ...] = ("velocity", "position")
     rows = [
-        comparison(AccelerationMonitor(axis=axis, pitch=pitch, acceleration_from=source, lag_s=lag), recording)
+        comparison(
+            AccelerationMonitor(axis=axis, pitch=pitch, acceleration_from=source, lag_s=lag),
+            recording,
+        )
         for axis, pitch, source, lag in product(axes, (False, True), sources, (0.0, lag_s))
     ]
     car = AccelerationMonitor(axis="along_track", pitch=True, lag_s=lag_s)
     offset = comparison(car, recording)["mean_mps2"]
-    levelled = replace(car, mounting_pitch_deg=float(np.degrees(np.arcsin(offset / car.gravity_mps2))))
+    levelled = replace(
+        car, mounting_pitch_deg=float(np.degrees(np.arcsin(offset / car.gravity_mps2)))
+    )
     return [*rows, comparison(levelled, recording)]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("recording", help="converted recording (.mcap)")
-    parser.add_argument("--lag-s", type=float, default=0.34, help="how late the receiver's velocities are")
+    parser.add_argument(
+        "--lag-s", type=float, default=0.34, help="how late the receiver's velocities are"
+    )
     parser.add_argument("--json", action="store_true", help="print for machines")
     arguments = parser.parse_args()
     try:
@@ -78,7 +94,12 @@ def main() -> None:
         return
     print("".join(f"{key:>12}" for key in rows[0]))
     for row in rows:
-        print("".join(f"{value:>12.4f}" if isinstance(value, float) else f"{value!s:>12}" for value in row.values()))
+        print(
+            "".join(
+                f"{value:>12.4f}" if isinstance(value, float) else f"{value!s:>12}"
+                for value in row.values()
+            )
+        )
     print("last row: with the IMU's mounting pitch taken out")
 
 

@@ -1,7 +1,8 @@
-"""``python -m benchmarks.speed [JOB...]``: our speed against other libraries, side by side in one process.
+"""``python -m benchmarks.speed [JOB...]``: our speed against other libraries, side by side in one
+process.
 
-Each module ``*_jobs.py`` beside this one has ``jobs(folder)``, which yields its :class:`Job` objects; the
-folder is for their files. Results go to ``results.json`` beside this file.
+Each module ``*_jobs.py`` beside this one has ``jobs(folder)``, which yields its :class:`Job`
+objects; the folder is for their files. Results go to ``results.json`` beside this file.
 """
 
 import argparse
@@ -15,15 +16,24 @@ HERE = Path(__file__).parent
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.speed", description=__doc__.splitlines()[0])
-    parser.add_argument("jobs", nargs="*", metavar="JOB", help="names of jobs, or beginnings of them; all by default")
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.speed", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument(
+        "jobs",
+        nargs="*",
+        metavar="JOB",
+        help="names of jobs, or beginnings of them; all by default",
+    )
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args()
     results: list[Result] = []
     missing: set[str] = set()
     with tempfile.TemporaryDirectory() as folder:
         for module in sorted(HERE.glob("*_jobs.py")):
-            for job in importlib.import_module(f"benchmarks.speed.{module.stem}").jobs(Path(folder)):
+            for job in importlib.import_module(f"benchmarks.speed.{module.stem}").jobs(
+                Path(folder)
+            ):
                 if arguments.jobs and not job.name.startswith(tuple(arguments.jobs)):
                     continue
                 print(f"{job.name}: {job.timed}", flush=True)

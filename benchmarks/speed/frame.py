@@ -1,4 +1,6 @@
-"""The common frame of the speed benchmarks: contestants side by side in interleaved rounds, medians, ratios."""
+"""The common frame of the speed benchmarks: contestants side by side in interleaved rounds,
+medians, ratios.
+"""
 
 import gc
 import json
@@ -14,15 +16,11 @@ from typing import Any
 class Job:
     """One piece of work that we and peers do.
 
-    Attributes:
-        name: of the job.
-        timed: what is timed, in one line.
-        ours: does the work and returns what came of it.
-        peers: by name, the same.
-        missing: peers that are not installed.
-        check: is given our result and a peer's, once before timing, and raises where they do not agree.
-        prepare: what to do before each turn, untimed.
-        parts: by peer, the share of the work that it does, where the whole would take it too long; its time is divided by that.
+    Attributes: name: of the job. timed: what is timed, in one line. ours: does the work and returns
+        what came of it. peers: by name, the same. missing: peers that are not installed. check: is
+        given our result and a peer's, once before timing, and raises where they do not agree.
+        prepare: what to do before each turn, untimed. parts: by peer, the share of the work that it
+        does, where the whole would take it too long; its time is divided by that.
     """
 
     name: str
@@ -64,9 +62,14 @@ def run(job: Job, rounds: int) -> list[Result]:
             result = work()
             times[name].append(1e3 * (time.perf_counter() - begin))
             del result
-    medians = {name: statistics.median(values) / job.parts.get(name, 1.0) for name, values in times.items()}
+    medians = {
+        name: statistics.median(values) / job.parts.get(name, 1.0) for name, values in times.items()
+    }
     ours = medians.pop("")
-    return [Result(job.name, name, round(peer / ours, 2), round(ours, 2), round(peer, 2)) for name, peer in medians.items()]
+    return [
+        Result(job.name, name, round(peer / ours, 2), round(ours, 2), round(peer, 2))
+        for name, peer in medians.items()
+    ]
 
 
 def report(results: Sequence[Result]) -> Iterator[str]:

@@ -1,8 +1,10 @@
-"""A Kalman monitor on many variants of one recording, against a filterpy ``KalmanFilter`` per variant.
+"""A Kalman monitor on many variants of one recording, against a filterpy ``KalmanFilter`` per
+variant.
 
-Both get the same matrices and measurements and return all innovations; the check holds them to 1e-9. Ours includes the covariance
-recursion and the blocks, once for all variants. The peer does a few variants, and its time is scaled: each costs the same.
-``innovation-variant`` is one more variant of a recording whose gains are known.
+Both get the same matrices and measurements and return all innovations; the check holds them to
+1e-9. Ours includes the covariance recursion and the blocks, once for all variants. The peer does a
+few variants, and its time is scaled: each costs the same. ``innovation-variant`` is one more
+variant of a recording whose gains are known.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,7 +31,9 @@ class Material:
     def __init__(self, rng: np.random.Generator) -> None:
         heading = np.cumsum(rng.normal(0, 0.05, EPOCHS))
         attitude = rotations(np.column_stack([np.zeros((EPOCHS, 2)), heading]))
-        matrices = error_model.dynamics(attitude, rng.normal(0, 1, (EPOCHS, 3)) - [0, 0, 9.8], 3600.0)
+        matrices = error_model.dynamics(
+            attitude, rng.normal(0, 1, (EPOCHS, 3)) - [0, 0, 9.8], 3600.0
+        )
         density = error_model.driving(GRADES["automotive"])
         self.transition, self.process = error_model.discretised(matrices, density, np.ones(EPOCHS))
         self.noise = np.tile([2.25, 2.25, 9.0, 0.0025, 0.0025, 0.01], (EPOCHS, 1))
@@ -41,13 +45,17 @@ class Material:
         found = gains.recursion(self.initial, self.transition, self.process, self.noise)
         still = np.zeros((EPOCHS, error_model.STATES, 5))
         return filtering.Shared(
-            gains.block_matrices(self.transition, found.gain), gains.block_motion(self.transition, still), found.innovation
+            gains.block_matrices(self.transition, found.gain),
+            gains.block_motion(self.transition, still),
+            found.innovation,
         )
 
     def ours(self, shared: filtering.Shared | None, variants: int) -> Floats:
         """The innovations of so many variants, ``(n, 6, v)``."""
         state = np.zeros((error_model.STATES, variants))
-        return filtering.run_filter(shared or self.prepared(), self.values[:, :, :variants], state, 0.0, (0.0, 0.0, 0.0))
+        return filtering.run_filter(
+            shared or self.prepared(), self.values[:, :, :variants], state, 0.0, (0.0, 0.0, 0.0)
+        )
 
     def filterpy(self, variants: int) -> Floats:
         """The same by one filter per variant, the azimuth moved at the same epochs."""
@@ -73,7 +81,9 @@ class Material:
 def _turned(vectors: Floats, angle_rad: float) -> Floats:
     """Three-vectors in a frame turned about its third axis."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    turned: Floats = (vectors.reshape(-1, 3) @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]).T).ravel()
+    turned: Floats = (
+        vectors.reshape(-1, 3) @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]).T
+    ).ravel()
     return turned
 
 
@@ -84,7 +94,10 @@ def jobs(folder: Path) -> Iterator[Job]:  # noqa: ARG001, needs no file
     peers: dict[str, Callable[[], Any]] = {"filterpy": partial(material.filterpy, PEER_VARIANTS)}
     yield Job(
         "innovation-variants",
-        f"{EPOCHS} epochs, 15 states, {VARIANTS} variants with gains; filterpy {PEER_VARIANTS} of them",
+        (
+            f"{EPOCHS} epochs, 15 states, {VARIANTS} variants with gains; filterpy {PEER_VARIANTS} "
+            "of them"
+        ),
         partial(material.ours, None, VARIANTS),
         peers,
         check=_same,
@@ -92,10 +105,16 @@ def jobs(folder: Path) -> Iterator[Job]:  # noqa: ARG001, needs no file
     )
     one: dict[str, Callable[[], Any]] = {"filterpy": partial(material.filterpy, 1)}
     yield Job(
-        "innovation-variant", f"{EPOCHS} epochs, 15 states, one variant, gains known", partial(material.ours, shared, 1), one, check=_same
+        "innovation-variant",
+        f"{EPOCHS} epochs, 15 states, one variant, gains known",
+        partial(material.ours, shared, 1),
+        one,
+        check=_same,
     )
 
 
 def _same(ours: Floats, theirs: Floats) -> None:
     """The innovations agree to 1e-9 of the largest."""
-    np.testing.assert_allclose(ours[:, :, : theirs.shape[2]], theirs, rtol=0, atol=1e-9 * float(np.abs(theirs).max()))
+    np.testing.assert_allclose(
+        ours[:, :, : theirs.shape[2]], theirs, rtol=0, atol=1e-9 * float(np.abs(theirs).max())
+    )

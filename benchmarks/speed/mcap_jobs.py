@@ -1,8 +1,9 @@
 """MCAP written, read and validated: 260,000 IMU rows, against the libraries that people use for it.
 
-Writers start from numpy columns and end with a closed file that was not there before; readers start from a
-file that is in the page cache and end with one numpy array per field. Checksums of chunks are written and
-checked on all sides, and for each row everybody writes the same fields, in chunks of 1 MiB.
+Writers start from numpy columns and end with a closed file that was not there before; readers start
+from a file that is in the page cache and end with one numpy array per field. Checksums of chunks
+are written and checked on all sides, and for each row everybody writes the same fields, in chunks
+of 1 MiB.
 """
 
 import os
@@ -46,60 +47,125 @@ def jobs(folder: Path) -> Iterator[Job]:
     yield from _writing(folder, table, what, missing)
     path = folder / "read.mcap"
     write(Recording({TOPIC: table}), path)
-    yield from _reading(folder, path, table, what, [peer for peer in missing if peer == "small-mcap"])
+    yield from _reading(
+        folder, path, table, what, [peer for peer in missing if peer == "small-mcap"]
+    )
     awkward = write_awkward(folder / "awkward.mcap", table)
     pair = {"mcap-protobuf": partial(_pair_read, awkward, in_order=False)}
     timed = f"{what}, in 16 foreign layouts, file order, to columns"
     yield Job("mcap-read-foreign", timed, partial(_our_read, awkward), pair, check=_same_columns)
-    yield Job("mcap-validate", f"{what}: the whole file", partial(validate, path), {"mcap": partial(_mcap_validate, path)})
+    yield Job(
+        "mcap-validate",
+        f"{what}: the whole file",
+        partial(validate, path),
+        {"mcap": partial(_mcap_validate, path)},
+    )
 
 
 def _writing(folder: Path, table: Table, what: str, missing: list[str]) -> Iterator[Job]:
-    recording, settings = Recording({TOPIC: table}), (("zstd3", "zstd", 3), ("zstd1", "zstd", 1), ("none", "none", 0))
+    recording, settings = (
+        Recording({TOPIC: table}),
+        (("zstd3", "zstd", 3), ("zstd1", "zstd", 1), ("none", "none", 0)),
+    )
     compression: Compression
     for name, compression, level in settings:  # type: ignore[assignment]
 
-        def ours(path: Path = folder / "ours.mcap", compression: Compression = compression, level: int = level) -> Path:
+        def ours(
+            path: Path = folder / "ours.mcap",
+            compression: Compression = compression,
+            level: int = level,
+        ) -> Path:
             write(recording, path, compression=compression, level=level)
             return path
 
         writers: dict[str, Callable[[Table, Path, int], Path]] = {"mcap-protobuf": _pair_write}
-        writers |= {peer: {"small-mcap": _small_write, "foxglove-sdk": _sdk_write}[peer] for peer in OPTIONAL_PEERS if peer not in missing}
-        peers = {peer: partial(writer, table, folder / f"{peer}.mcap", level) for peer, writer in writers.items()}
+        writers |= {
+            peer: {"small-mcap": _small_write, "foxglove-sdk": _sdk_write}[peer]
+            for peer in OPTIONAL_PEERS
+            if peer not in missing
+        }
+        peers = {
+            peer: partial(writer, table, folder / f"{peer}.mcap", level)
+            for peer, writer in writers.items()
+        }
 
-        def remove(files: tuple[Path, ...] = (folder / "ours.mcap", *(folder / f"{peer}.mcap" for peer in peers))) -> None:
+        def remove(
+            files: tuple[Path, ...] = (
+                folder / "ours.mcap",
+                *(folder / f"{peer}.mcap" for peer in peers),
+            ),
+        ) -> None:
             for file in files:
                 file.unlink(missing_ok=True)
 
-        yield Job(f"mcap-write-{name}", f"{what}, columns to a new file, {name}", ours, peers, missing, _same_files, remove)
+        yield Job(
+            f"mcap-write-{name}",
+            f"{what}, columns to a new file, {name}",
+            ours,
+            peers,
+            missing,
+            _same_files,
+            remove,
+        )
 
 
-def _reading(folder: Path, path: Path, table: Table, what: str, missing: list[str]) -> Iterator[Job]:
+def _reading(
+    folder: Path, path: Path, table: Table, what: str, missing: list[str]
+) -> Iterator[Job]:
     ours = partial(_our_read, path)
     parquet = folder / "read.parquet"
     columns = {"time_ns": table.time_ns, **table}
-    pq.write_table(pa.table(columns), parquet, compression="zstd", compression_level=3, write_page_checksum=True)
-    peers: dict[str, Callable[[], Any]] = {"mcap-protobuf": partial(_pair_read, path, in_order=True)}
+    pq.write_table(
+        pa.table(columns),
+        parquet,
+        compression="zstd",
+        compression_level=3,
+        write_page_checksum=True,
+    )
+    peers: dict[str, Callable[[], Any]] = {
+        "mcap-protobuf": partial(_pair_read, path, in_order=True)
+    }
     if not missing:
         peers["small-mcap"] = partial(_small_read, path)
     peers["parquet"] = partial(_parquet_read, parquet)
-    yield Job("mcap-read", f"{what}, zstd 3, order of time, to columns", ours, peers, missing, _same_columns)
+    yield Job(
+        "mcap-read",
+        f"{what}, zstd 3, order of time, to columns",
+        ours,
+        peers,
+        missing,
+        _same_columns,
+    )
     in_file_order = {"mcap-protobuf": partial(_pair_read, path, in_order=False)}
-    yield Job("mcap-read-file-order", f"{what}, zstd 3, file order, to columns", ours, in_file_order, check=_same_columns)
+    yield Job(
+        "mcap-read-file-order",
+        f"{what}, zstd 3, file order, to columns",
+        ours,
+        in_file_order,
+        check=_same_columns,
+    )
 
 
 def _messages(table: Table) -> Iterator[tuple[int, Imu]]:
     """A table's rows as messages, the way that costs least."""
     names = list(table)
-    for time, *values in zip(table.time_ns.tolist(), *(table[name].tolist() for name in names), strict=True):
+    for time, *values in zip(
+        table.time_ns.tolist(), *(table[name].tolist() for name in names), strict=True
+    ):
         yield time, Imu(**dict(zip(names, values, strict=True)))
 
 
 def _pair_write(table: Table, path: Path, level: int) -> Path:
-    """Write by mcap and mcap-protobuf-support; the library has no level, so its compressor is given one."""
+    """Write by mcap and mcap-protobuf-support; the library has no level, so its compressor is given
+    one.
+    """
     compression = CompressionType.ZSTD if level else CompressionType.NONE
     levelled = SimpleNamespace(compress=lambda data: zstandard.compress(data, level))
-    with patch("mcap.writer.zstandard", levelled), path.open("wb") as stream, PairWriter(stream, compression=compression) as writer:
+    with (
+        patch("mcap.writer.zstandard", levelled),
+        path.open("wb") as stream,
+        PairWriter(stream, compression=compression) as writer,
+    ):
         for time, message in _messages(table):
             writer.write_message(TOPIC, message, time, time)
     return path
@@ -110,7 +176,12 @@ def _small_write(table: Table, path: Path, level: int) -> Path:
 
     compression = small_mcap.CompressionType.ZSTD if level else small_mcap.CompressionType.NONE
     with path.open("wb") as stream:
-        writer = small_mcap.McapWriter(stream, compression=compression, zstd_level=level or None, num_workers=os.cpu_count() or 1)
+        writer = small_mcap.McapWriter(
+            stream,
+            compression=compression,
+            zstd_level=level or None,
+            num_workers=os.cpu_count() or 1,
+        )
         writer.start()
         writer.add_schema(1, SCHEMA, "protobuf", descriptor_set(KINDS["imu"].message))
         writer.add_channel(1, TOPIC, "protobuf", 1)
@@ -126,10 +197,18 @@ def _sdk_write(table: Table, path: Path, level: int) -> Path:
 
     context = foxglove.Context()
     compression = MCAPCompression.Zstd if level else None
-    options = MCAPWriteOptions(compression=compression, compression_level=level, calculate_data_section_crc=False)
-    schema = foxglove.Schema(name=SCHEMA, encoding="protobuf", data=descriptor_set(KINDS["imu"].message))
-    with foxglove.open_mcap(str(path), allow_overwrite=True, context=context, writer_options=options):
-        channel = foxglove.Channel(TOPIC, schema=schema, message_encoding="protobuf", context=context)
+    options = MCAPWriteOptions(
+        compression=compression, compression_level=level, calculate_data_section_crc=False
+    )
+    schema = foxglove.Schema(
+        name=SCHEMA, encoding="protobuf", data=descriptor_set(KINDS["imu"].message)
+    )
+    with foxglove.open_mcap(
+        str(path), allow_overwrite=True, context=context, writer_options=options
+    ):
+        channel = foxglove.Channel(
+            TOPIC, schema=schema, message_encoding="protobuf", context=context
+        )
         for time, message in _messages(table):
             channel.log(message.SerializeToString(), log_time=time)
         channel.close()
@@ -145,14 +224,21 @@ def _gathered(rows: Iterator[tuple[int, Any]]) -> Columns:
     """Columns of the fields that the messages' type shares with our schema."""
     time, message = next(rows)
     names = [name for name in KINDS["imu"].fields if name in message.DESCRIPTOR.fields_by_name]
-    names = [name for name in names if not message.DESCRIPTOR.fields_by_name[name].has_presence or message.HasField(name)]
+    names = [
+        name
+        for name in names
+        if not message.DESCRIPTOR.fields_by_name[name].has_presence or message.HasField(name)
+    ]
     times, values = [time], [[getattr(message, name)] for name in names]
     appends = [column.append for column in values]
     for time, message in rows:
         times.append(time)
         for append, name in zip(appends, names, strict=True):
             append(getattr(message, name))
-    return {"time_ns": np.array(times), **{name: np.array(column) for name, column in zip(names, values, strict=True)}}
+    return {
+        "time_ns": np.array(times),
+        **{name: np.array(column) for name, column in zip(names, values, strict=True)},
+    }
 
 
 def _pair_read(path: Path, *, in_order: bool) -> Columns:
@@ -167,7 +253,10 @@ def _small_read(path: Path) -> Columns:
 
     with path.open("rb") as stream:
         decoded = small_mcap.read_message_decoded(
-            stream, decoder_factories=[DecoderFactory()], validate_crc=True, num_workers=os.cpu_count() or 1
+            stream,
+            decoder_factories=[DecoderFactory()],
+            validate_crc=True,
+            num_workers=os.cpu_count() or 1,
         )
         return _gathered((row.message.log_time, row.decoded_message) for row in decoded)
 
@@ -189,5 +278,7 @@ def _same_files(ours: Path, theirs: Path) -> None:
 
 
 def _same_columns(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> None:
-    if ours.keys() != theirs.keys() or not all(np.array_equal(ours[name], theirs[name]) for name in ours):
+    if ours.keys() != theirs.keys() or not all(
+        np.array_equal(ours[name], theirs[name]) for name in ours
+    ):
         raise ValueError("a peer reads other columns")

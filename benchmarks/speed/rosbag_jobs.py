@@ -1,8 +1,10 @@
-"""A ROS 2 bag in SQLite to columns and to MCAP, against rosbags, and against it with mcap-protobuf-support.
+"""A ROS 2 bag in SQLite to columns and to MCAP, against rosbags, and against it with
+mcap-protobuf-support.
 
-The bag is a part of the real drive, so that the peers' rounds stay short; both sides do the same part. It is
-in the page cache. Peers read a message at a time, as their interfaces have it, and keep the fields that we
-keep; to MCAP they write the same rows, zstd 3. Our conversion to MCAP digests the bag and keeps its ledger besides.
+The bag is a part of the real drive, so that the peers' rounds stay short; both sides do the same
+part. It is in the page cache. Peers read a message at a time, as their interfaces have it, and keep
+the fields that we keep; to MCAP they write the same rows, zstd 3. Our conversion to MCAP digests
+the bag and keeps its ledger besides.
 """
 
 import math
@@ -37,7 +39,12 @@ Rows = dict[str, list[tuple[Any, ...]]]
 Columns = dict[str, np.ndarray[Any, Any]]
 
 _STORE = get_typestore(Stores.EMPTY)
-_STORE.register({name: (list(constants), list(fields)) for name, (constants, fields) in aspn23.definitions().items()})
+_STORE.register(
+    {
+        name: (list(constants), list(fields))
+        for name, (constants, fields) in aspn23.definitions().items()
+    }
+)
 _COVARIANCE = (0, 1, 2, 4, 5, 8)
 
 
@@ -45,13 +52,34 @@ def jobs(folder: Path) -> Iterator[Job]:
     """Yield the rosbag jobs, none where the drive is not installed."""
     spec = find_spec("pntos_cobra_datasets_ros")
     if spec is None or not spec.submodule_search_locations:
-        print("rosbag2: the package pntos-cobra-datasets-ros is not installed; its jobs are left out")
+        print(
+            "rosbag2: the package pntos-cobra-datasets-ros is not installed; its jobs are left out"
+        )
         return
-    bag = _part(Path(spec.submodule_search_locations[0]) / "cobra_gps_ins_example_data", folder / "part")
+    bag = _part(
+        Path(spec.submodule_search_locations[0]) / "cobra_gps_ins_example_data", folder / "part"
+    )
     what = f"{MESSAGES:,} messages of the real drive"
-    yield Job("rosbag2-to-columns", f"{what}, to columns", partial(_our_columns, bag), {"rosbags": partial(_peer_columns, bag)}, (), _same)
-    ours, theirs = partial(_our_file, bag, folder / "ours.mcap"), partial(_peer_file, bag, folder / "theirs.mcap")
-    yield Job("rosbag2-to-mcap", f"{what}, to a closed file, zstd 3", ours, {"rosbags": theirs}, (), _same_files)
+    yield Job(
+        "rosbag2-to-columns",
+        f"{what}, to columns",
+        partial(_our_columns, bag),
+        {"rosbags": partial(_peer_columns, bag)},
+        (),
+        _same,
+    )
+    ours, theirs = (
+        partial(_our_file, bag, folder / "ours.mcap"),
+        partial(_peer_file, bag, folder / "theirs.mcap"),
+    )
+    yield Job(
+        "rosbag2-to-mcap",
+        f"{what}, to a closed file, zstd 3",
+        ours,
+        {"rosbags": theirs},
+        (),
+        _same_files,
+    )
 
 
 def _part(bag: Path, folder: Path) -> Path:
@@ -60,13 +88,21 @@ def _part(bag: Path, folder: Path) -> Path:
     name = next(bag.glob("*.db3")).name
     with closing(sqlite3.connect(folder / name)) as part:
         part.execute("ATTACH ? AS whole", (f"file:{bag / name}?mode=ro",))
-        for (schema,) in part.execute("SELECT sql FROM whole.sqlite_master WHERE sql IS NOT NULL").fetchall():
+        for (schema,) in part.execute(
+            "SELECT sql FROM whole.sqlite_master WHERE sql IS NOT NULL"
+        ).fetchall():
             part.execute(schema)
         part.execute("INSERT INTO topics SELECT * FROM whole.topics")
         part.execute("INSERT INTO messages SELECT * FROM whole.messages WHERE id <= ?", (MESSAGES,))
         part.commit()
-    whole = next(line.split(":")[1].strip() for line in (bag / "metadata.yaml").read_text().splitlines() if "  message_count:" in line[:17])
-    (folder / "metadata.yaml").write_text((bag / "metadata.yaml").read_text().replace(whole, str(MESSAGES)))
+    whole = next(
+        line.split(":")[1].strip()
+        for line in (bag / "metadata.yaml").read_text().splitlines()
+        if "  message_count:" in line[:17]
+    )
+    (folder / "metadata.yaml").write_text(
+        (bag / "metadata.yaml").read_text().replace(whole, str(MESSAGES))
+    )
     return folder
 
 
@@ -93,13 +129,21 @@ def _rows(bag: Path) -> Rows:
                 place = (message.p1, message.p2, message.p3, message.v1, message.v2, message.v3)
                 rows[kind].append((*head, *place, *message.quaternion))
             else:
-                terms = (message.term1, message.term2, message.term3) if kind == POSITION else (message.x, message.y, message.z)
+                terms = (
+                    (message.term1, message.term2, message.term3)
+                    if kind == POSITION
+                    else (message.x, message.y, message.z)
+                )
                 rows[kind].append((*head, *terms, *(message.covariance[i] for i in _COVARIANCE)))
     return rows
 
 
 def _peer_columns(bag: Path) -> Columns:
-    return {f"{kind} {i}": np.array(column) for kind, rows in _rows(bag).items() for i, column in enumerate(zip(*rows, strict=True))}
+    return {
+        f"{kind} {i}": np.array(column)
+        for kind, rows in _rows(bag).items()
+        for i, column in enumerate(zip(*rows, strict=True))
+    }
 
 
 def _our_file(bag: Path, path: Path) -> Path:
@@ -121,7 +165,14 @@ def _peer_file(bag: Path, path: Path) -> Path:
 
 
 def _imu(_: int, stamp: int, *increments: float) -> Imu:
-    names = ("accel_x_mps2", "accel_y_mps2", "accel_z_mps2", "gyro_x_radps", "gyro_y_radps", "gyro_z_radps")
+    names = (
+        "accel_x_mps2",
+        "accel_y_mps2",
+        "accel_z_mps2",
+        "gyro_x_radps",
+        "gyro_y_radps",
+        "gyro_z_radps",
+    )
     rates = {name: value / 0.01 for name, value in zip(names, increments, strict=True)}
     return Imu(receive_time_ns=stamp, interval_s=0.01, **rates)
 
@@ -130,10 +181,18 @@ def _pvt(position: tuple[Any, ...], velocity: tuple[Any, ...]) -> Pvt:
     _, stamp, lat, lon, height, *covariance = position
     _, received, north, east, down, *spread = velocity
     axes = ("nn", "ne", "nd", "ee", "ed", "dd")
-    fields: dict[str, Any] = {f"cov_{a}_m2": value for a, value in zip(axes, covariance, strict=True)}
+    fields: dict[str, Any] = {
+        f"cov_{a}_m2": value for a, value in zip(axes, covariance, strict=True)
+    }
     fields |= {f"cov_vel_{a}_m2ps2": value for a, value in zip(axes, spread, strict=True)}
     fields |= {"lat_deg": math.degrees(lat), "lon_deg": math.degrees(lon), "height_m": height}
-    return Pvt(receive_time_ns=max(stamp, received), vel_n_mps=north, vel_e_mps=east, vel_d_mps=down, **fields)
+    return Pvt(
+        receive_time_ns=max(stamp, received),
+        vel_n_mps=north,
+        vel_e_mps=east,
+        vel_d_mps=down,
+        **fields,
+    )
 
 
 def _pva(_: int, stamp: int, *values: float) -> Pva:
@@ -141,7 +200,9 @@ def _pva(_: int, stamp: int, *values: float) -> Pva:
     roll, pitch, yaw = _angles(*quaternion)
     place = {"lat_deg": math.degrees(lat), "lon_deg": math.degrees(lon), "height_m": height}
     turn = {"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw}
-    return Pva(receive_time_ns=stamp, vel_n_mps=north, vel_e_mps=east, vel_d_mps=down, **place, **turn)
+    return Pva(
+        receive_time_ns=stamp, vel_n_mps=north, vel_e_mps=east, vel_d_mps=down, **place, **turn
+    )
 
 
 def _angles(a: float, c: float, b: float, d: float) -> tuple[float, float, float]:
@@ -153,8 +214,15 @@ def _angles(a: float, c: float, b: float, d: float) -> tuple[float, float, float
 
 
 def _same(ours: Columns, theirs: Columns) -> None:
-    pairs = {f"{IMU} accel_z_mps2": theirs[f"{IMU} 4"] / 0.01, f"{IMU} time_ns": theirs[f"{IMU} 0"], f"{PVA} vel_d_mps": theirs[f"{PVA} 7"]}
-    pairs |= {f"{PVT} height_m": theirs[f"{POSITION} 4"], f"{PVT} cov_vel_dd_m2ps2": theirs[f"{VELOCITY} 10"]}
+    pairs = {
+        f"{IMU} accel_z_mps2": theirs[f"{IMU} 4"] / 0.01,
+        f"{IMU} time_ns": theirs[f"{IMU} 0"],
+        f"{PVA} vel_d_mps": theirs[f"{PVA} 7"],
+    }
+    pairs |= {
+        f"{PVT} height_m": theirs[f"{POSITION} 4"],
+        f"{PVT} cov_vel_dd_m2ps2": theirs[f"{VELOCITY} 10"],
+    }
     for name, values in pairs.items():
         np.testing.assert_array_equal(ours[name], values, name)
 
@@ -163,4 +231,6 @@ def _same_files(ours: Path, theirs: Path) -> None:
     one, two = read(ours), read(theirs)
     for topic in (IMU, PVT, PVA):
         for name in one[topic]:
-            np.testing.assert_allclose(one[topic][name], two[topic][name], rtol=1e-12, atol=1e-9, err_msg=f"{topic} {name}")
+            np.testing.assert_allclose(
+                one[topic][name], two[topic][name], rtol=1e-12, atol=1e-9, err_msg=f"{topic} {name}"
+            )

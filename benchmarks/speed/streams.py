@@ -1,4 +1,6 @@
-"""What the benchmarks of UBX and NMEA share: logs of 50 MB, columns of ours, and rows that a peer writes."""
+"""What the benchmarks of UBX and NMEA share: logs of 50 MB, columns of ours, and rows that a peer
+writes.
+"""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +19,9 @@ Columns = dict[str, np.ndarray[Any, Any]]
 
 
 def log_of(names: Sequence[str], folder: Path, suffix: str) -> tuple[Path, str]:
-    """Return a log of 50 MB and what it is: real logs one after the other, again and again; a made one where they are absent."""
+    """Return a log of 50 MB and what it is: real logs one after the other, again and again; a made
+    one where they are absent.
+    """
     paths = [_DATA / name for name in names]
     if all(path.exists() for path in paths):
         unit = b"".join(path.read_bytes() for path in paths)
@@ -31,7 +35,9 @@ def log_of(names: Sequence[str], folder: Path, suffix: str) -> tuple[Path, str]:
 
 
 def part_of(log: Path, size: int) -> tuple[Path, float]:
-    """Return the beginning of a log of about this size, up to a line end, and its share of the whole."""
+    """Return the beginning of a log of about this size, up to a line end, and its share of the
+    whole.
+    """
     octets = log.read_bytes()[:size]
     octets = octets[: octets.rfind(b"\n") + 1] or octets
     path = log.with_name(f"{size}{log.suffix}")

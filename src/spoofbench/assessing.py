@@ -1,4 +1,6 @@
-"""An integrity assessment of one's own vehicle: from a scenario file to tables, pictures and a page of numbers."""
+"""An integrity assessment of one's own vehicle: from a scenario file to tables, pictures and a page
+of numbers.
+"""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -9,7 +11,16 @@ from typing import Any
 import numpy as np
 
 from spoofbench.errors import ScenarioError
-from spoofbench.integrity import Run, Scenario, load_scenario, monitor_of, monitored, studies, worst_case, worst_fault
+from spoofbench.integrity import (
+    Run,
+    Scenario,
+    load_scenario,
+    monitor_of,
+    monitored,
+    studies,
+    worst_case,
+    worst_fault,
+)
 from spoofbench.reproducing import make_folder, new_figure, save_figure, save_table
 from spoofbench.results import write_whole
 
@@ -26,23 +37,24 @@ Table = Mapping[str, Sequence[Any]]
 def assess(path: Path, out: Path, progress: Callable[[float], None]) -> dict[str, float]:
     """Assess a scenario and write everything into a folder.
 
-    Writes ``summary.json``; ``fault.parquet``, the worst-case fault at the magnitude of the highest risk, by epoch and
-    measurement (code, then carrier differences); ``periods_and_rates.parquet``, ``tracking.parquet`` and
-    ``delays.parquet`` with their pictures. Grids are multiples of the scenario's own period and rate.
+    Writes ``summary.json``; ``fault.parquet``, the worst-case fault at the magnitude of the highest
+    risk, by epoch and measurement (code, then carrier differences); ``periods_and_rates.parquet``,
+    ``tracking.parquet`` and ``delays.parquet`` with their pictures. Grids are multiples of the
+    scenario's own period and rate.
 
     Args:
         path: a scenario file, see :func:`spoofbench.integrity.load_scenario`.
         out: the folder.
         progress: is told the share that is done, 0 to 1.
 
-    Raises:
-        ScenarioError: the scenario cannot be read or makes no sense, or its attack has too many epochs.
-        ResultsError: the folder cannot be made, or a file not written.
+    Raises: ScenarioError: the scenario cannot be read or makes no sense, or its attack has too many
+        epochs. ResultsError: the folder cannot be made, or a file not written.
     """
     scenario = load_scenario(path)
     if scenario.epochs() > MOST_EPOCHS:
         raise ScenarioError(
-            f"the attack in {path.name!r} has {scenario.epochs()} epochs, {MOST_EPOCHS} at most can be assessed; lower period_s or rate_hz"
+            f"the attack in {path.name!r} has {scenario.epochs()} epochs, {MOST_EPOCHS} at most "
+            "can be assessed; lower period_s or rate_hz"
         )
     make_folder(out)
     periods = [round(scenario.period_s * factor, 3) for factor in PERIODS]
@@ -50,21 +62,34 @@ def assess(path: Path, out: Path, progress: Callable[[float], None]) -> dict[str
     progress(0.2)
     own = run.until(scenario.epochs())
     summary = _summary(scenario, own)
-    write_whole(out / "summary.json", partial(Path.write_text, data=json.dumps(summary, indent=1) + "\n", encoding="utf-8"))
+    write_whole(
+        out / "summary.json",
+        partial(Path.write_text, data=json.dumps(summary, indent=1) + "\n", encoding="utf-8"),
+    )
     save_table(_fault(own, summary["noncentrality"]), out / "fault.parquet")
     _draw_fault(out / "fault", own, summary["noncentrality"], scenario.rate_hz)
     parts: list[tuple[str, Table, tuple[str, str], tuple[str, str]]] = []
     rates = [scenario.rate_hz * factor for factor in RATES]
     delays = [scenario.period_s * factor for factor in DELAYS]
     for name, make, along, by in (
-        ("periods_and_rates", partial(studies.over_rates, scenario, rates, periods), ("period_s", "attack period, s"), ("rate_hz", "Hz")),
+        (
+            "periods_and_rates",
+            partial(studies.over_rates, scenario, rates, periods),
+            ("period_s", "attack period, s"),
+            ("rate_hz", "Hz"),
+        ),
         (
             "tracking",
             partial(studies.over_tracking, scenario, run, SIGMAS_M, periods),
             ("period_s", "attack period, s"),
             ("sigma_mm", "mm"),
         ),
-        ("delays", partial(studies.over_delays, scenario, own, SIGMAS_M, delays), ("delay_s", "attack delay, s"), ("sigma_mm", "mm")),
+        (
+            "delays",
+            partial(studies.over_delays, scenario, own, SIGMAS_M, delays),
+            ("delay_s", "attack delay, s"),
+            ("sigma_mm", "mm"),
+        ),
     ):
         parts.append((name, make(), along, by))
         progress(0.2 + 0.25 * len(parts))
@@ -89,15 +114,23 @@ def draw_risk(path: Path, table: Table, along: tuple[str, str], by: tuple[str, s
     figure, axes = new_figure(1.5 + 3.8 * len(scenarios), 4.0, columns=len(scenarios))
     for panel, scenario in zip(np.atleast_1d(axes), scenarios, strict=True):
         for value in sorted(set(table[by[0]])):
-            rows = [i for i, s in enumerate(table["scenario"]) if s == scenario and table[by[0]][i] == value]
+            rows = [
+                i
+                for i, s in enumerate(table["scenario"])
+                if s == scenario and table[by[0]][i] == value
+            ]
             rows.sort(key=lambda i: table[along[0]][i])
             risks = [table["log10_integrity_risk"][i] for i in rows]
-            panel.plot([table[along[0]][i] for i in rows], risks, marker=".", label=f"{value:g} {by[1]}")
+            panel.plot(
+                [table[along[0]][i] for i in rows], risks, marker=".", label=f"{value:g} {by[1]}"
+            )
         panel.axhline(-9, color="k", lw=0.6, ls=":")
         panel.set_title(f"scenario {scenario}", fontsize=10, parse_math=False)
         panel.set_xlabel(along[1])
         panel.set_ylabel("log10 integrity risk")
-    figure.legend(*np.atleast_1d(axes)[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
+    figure.legend(
+        *np.atleast_1d(axes)[0].get_legend_handles_labels(), loc="outside right center", fontsize=8
+    )
     save_figure(figure, path)
 
 

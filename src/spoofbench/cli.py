@@ -1,4 +1,6 @@
-"""The command line: words in, functions called, errors as one sentence. Heavy imports wait until a command runs."""
+"""The command line: words in, functions called, errors as one sentence. Heavy imports wait until a
+command runs.
+"""
 
 import signal
 import sys
@@ -7,7 +9,14 @@ from typing import Annotated, Any, Literal, NoReturn, Optional
 
 import typer
 
-from spoofbench.terminal import complain, print_json, print_lines, progress_bars, read_texts, read_values
+from spoofbench.terminal import (
+    complain,
+    print_json,
+    print_lines,
+    progress_bars,
+    read_texts,
+    read_values,
+)
 
 app = typer.Typer(
     name="spoofbench",
@@ -21,11 +30,18 @@ app = typer.Typer(
 MOST_S, MOST_SEED = 1e9, 2**63 - 1
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print for machines.")]
-Parameters = Annotated[Optional[list[str]], typer.Option("-p", "--parameter", metavar="KEY=VALUE", help="Parameter; repeat for more.")]  # noqa: UP045
+Parameters = Annotated[
+    list[str] | None,
+    typer.Option("-p", "--parameter", metavar="KEY=VALUE", help="Parameter; repeat for more."),
+]
 
 
 @app.callback()
-def root(version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True)] = False) -> None:
+def root(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", is_eager=True)
+    ] = False,
+) -> None:
     if version:
         from spoofbench import __version__
 
@@ -35,7 +51,9 @@ def root(version: Annotated[bool, typer.Option("--version", help="Print the vers
 
 @app.command()
 def demo(
-    out: Annotated[Path, typer.Option("-o", help="Folder for everything that is made.")] = Path("demo"),
+    out: Annotated[Path, typer.Option("-o", help="Folder for everything that is made.")] = Path(
+        "demo"
+    ),
     workers: Annotated[Optional[int], typer.Option(help="Tasks at a time.")] = None,  # noqa: UP045
 ) -> None:
     """Convert, attack, run and report on a real drive."""
@@ -49,16 +67,33 @@ def demo(
 
 @app.command()
 def convert(
-    inputs: Annotated[list[Path], typer.Argument(metavar="IN...", help="Raw logs: files, folders or archives.")],
+    inputs: Annotated[
+        list[Path], typer.Argument(metavar="IN...", help="Raw logs: files, folders or archives.")
+    ],
     out: Annotated[Path, typer.Option("-o", help="A file for one log, a folder for several.")],
-    log_format: Annotated[Optional[str], typer.Option("--format", help="Converter to use; else found by content.")] = None,  # noqa: UP045
-    date: Annotated[Optional[str], typer.Option(metavar="YYYY-MM-DD", help="Date of a log that does not say it.")] = None,  # noqa: UP045
-    source: Annotated[Optional[str], typer.Option(help="The one receiver, provider or talker to take.")] = None,  # noqa: UP045
-    append_clock: Annotated[bool, typer.Option("--append-clock", help="Go on where a clock jumps back.")] = False,
-    mapping: Annotated[Optional[str], typer.Option(metavar="FILE|NAME", help="Mapping of a table's columns.")] = None,  # noqa: UP045
+    log_format: Annotated[
+        str | None, typer.Option("--format", help="Converter to use; else found by content.")
+    ] = None,
+    date: Annotated[
+        str | None,
+        typer.Option(metavar="YYYY-MM-DD", help="Date of a log that does not say it."),
+    ] = None,
+    source: Annotated[
+        str | None, typer.Option(help="The one receiver, provider or talker to take.")
+    ] = None,
+    append_clock: Annotated[
+        bool, typer.Option("--append-clock", help="Go on where a clock jumps back.")
+    ] = False,
+    mapping: Annotated[
+        str | None, typer.Option(metavar="FILE|NAME", help="Mapping of a table's columns.")
+    ] = None,
     options: Parameters = None,
-    strict: Annotated[bool, typer.Option("--strict", help="Fail at anything that must be skipped.")] = False,
-    workers: Annotated[Optional[int], typer.Option(min=1, help="Logs at a time; else one per processor.")] = None,  # noqa: UP045
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Fail at anything that must be skipped.")
+    ] = False,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Logs at a time; else one per processor.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Convert raw logs and account for every part."""
@@ -66,7 +101,12 @@ def convert(
     from spoofbench.converting.planning import plan
     from spoofbench.converting.telling import as_rows, as_table
 
-    named = {"date": date, "source": source, "append_clock": "true" if append_clock else None, "mapping": mapping}
+    named = {
+        "date": date,
+        "source": source,
+        "append_clock": "true" if append_clock else None,
+        "mapping": mapping,
+    }
     wishes = {name: text for name, text in named.items() if text is not None}
     jobs = plan(inputs, out, log_format)
     with progress_bars() as progress:
@@ -75,7 +115,9 @@ def convert(
             outcomes = [convert_job(jobs[0], request, progress(f"convert {jobs[0].source.name}"))]
         else:
             request = Request(log_format, read_texts(options), wishes, strict)
-            made = convert_many(jobs, request, workers=workers, progress=progress(f"convert {len(jobs)} logs"))
+            made = convert_many(
+                jobs, request, workers=workers, progress=progress(f"convert {len(jobs)} logs")
+            )
             outcomes = sorted(made, key=lambda outcome: jobs.index(outcome.job))
     ledger = outcomes[0].ledger
     if as_json:
@@ -84,10 +126,18 @@ def convert(
         print_lines(as_table(outcomes))
     elif ledger:
         print_lines([str(outcomes[0].job.target), *ledger.as_text().split("\n")])
-    failed = [outcome for outcome in outcomes if outcome.status == "failed" or (outcome.ledger is None and not outcome.job.walked)]
+    failed = [
+        outcome
+        for outcome in outcomes
+        if outcome.status == "failed" or (outcome.ledger is None and not outcome.job.walked)
+    ]
     for outcome in failed:
-        complain(f"{outcome.job.source}: {outcome.reason}" if len(outcomes) > 1 else str(outcome.reason))
-    for reason in sorted({outcome.reason for outcome in outcomes if outcome.reason and outcome not in failed}):
+        complain(
+            f"{outcome.job.source}: {outcome.reason}" if len(outcomes) > 1 else str(outcome.reason)
+        )
+    for reason in sorted(
+        {outcome.reason for outcome in outcomes if outcome.reason and outcome not in failed}
+    ):
         complain(reason)
     if failed or not any(outcome.ledger for outcome in outcomes):
         raise typer.Exit(1)
@@ -107,8 +157,16 @@ def info(file: Path, as_json: AsJson = False) -> None:
 
 @app.command()
 def doctor(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Recordings, or raw logs, which are converted for it.")],
-    log_format: Annotated[Optional[str], typer.Option("--format", help="Converter of raw logs; else found by content.")] = None,  # noqa: UP045
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...", help="Recordings, or raw logs, which are converted for it."
+        ),
+    ],
+    log_format: Annotated[
+        str | None,
+        typer.Option("--format", help="Converter of raw logs; else found by content."),
+    ] = None,
     options: Parameters = None,
     as_json: AsJson = False,
 ) -> None:
@@ -131,7 +189,9 @@ def doctor(
     elif found:
         typer.echo("\n\n".join(as_text(name, findings) for name, findings in found.items()))
     worst = {finding.severity for findings in found.values() for finding in findings}
-    code = 1 if len(found) < len(files) else 4 if "error" in worst else 3 if "warning" in worst else 0
+    code = (
+        1 if len(found) < len(files) else 4 if "error" in worst else 3 if "warning" in worst else 0
+    )
     if code:
         raise typer.Exit(code)
 
@@ -139,10 +199,21 @@ def doctor(
 @app.command()
 def export(
     file: Path,
-    out: Annotated[Path, typer.Option("-o", help="X.parquet, X.csv, X.gpx; a folder or X.zip for a file per topic.")],
-    topics: Annotated[Optional[list[str]], typer.Option("--topic", help="Topic to write; repeat for more.")] = None,  # noqa: UP045
-    table_format: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="Of the files in a folder or X.zip.")] = "csv",
-    mapping: Annotated[Optional[str], typer.Option(metavar="FILE|NAME", help="Write the tables that this mapping reads.")] = None,  # noqa: UP045
+    out: Annotated[
+        Path,
+        typer.Option("-o", help="X.parquet, X.csv, X.gpx; a folder or X.zip for a file per topic."),
+    ],
+    topics: Annotated[
+        list[str] | None, typer.Option("--topic", help="Topic to write; repeat for more.")
+    ] = None,
+    table_format: Annotated[
+        Literal["csv", "parquet"],
+        typer.Option("--format", help="Of the files in a folder or X.zip."),
+    ] = "csv",
+    mapping: Annotated[
+        str | None,
+        typer.Option(metavar="FILE|NAME", help="Write the tables that this mapping reads."),
+    ] = None,
 ) -> None:
     """Write topics for other programs."""
     from spoofbench.exporting import export as export_topics
@@ -156,17 +227,34 @@ def export(
         export_by_mapping(file, out, mapping)
         print_lines([f"{out}: by the mapping {mapping}"])
     else:
-        print_lines([f"{out}: {topic}" for topic in export_topics(file, out, topics=topics or (), table_format=table_format)])
+        print_lines(
+            [
+                f"{out}: {topic}"
+                for topic in export_topics(
+                    file, out, topics=topics or (), table_format=table_format
+                )
+            ]
+        )
 
 
 @app.command()
 def attack(
     file: Path,
-    name: Annotated[str, typer.Option("-a", "--attack", help="Attack to make; see `spoofbench plugins`.")],
+    name: Annotated[
+        str, typer.Option("-a", "--attack", help="Attack to make; see `spoofbench plugins`.")
+    ],
     out: Annotated[Path, typer.Option("-o", help="Variant to write.")],
     parameters: Parameters = None,
-    donors: Annotated[Optional[list[Path]], typer.Option("--donor", help="Recording that supplies foreign signals.")] = None,  # noqa: UP045
-    start: Annotated[Optional[float], typer.Option(min=0, max=MOST_S, help="Seconds after the first row; else drawn by the seed.")] = None,  # noqa: UP045
+    donors: Annotated[
+        list[Path] | None,
+        typer.Option("--donor", help="Recording that supplies foreign signals."),
+    ] = None,
+    start: Annotated[
+        float | None,
+        typer.Option(
+            min=0, max=MOST_S, help="Seconds after the first row; else drawn by the seed."
+        ),
+    ] = None,
     duration: Annotated[float, typer.Option(min=0, max=MOST_S, help="Seconds.")] = 120.0,
     seed: Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed of all chance.")] = 0,
     as_json: AsJson = False,
@@ -175,8 +263,19 @@ def attack(
     from spoofbench.attacks.files import attack_file
 
     if out.resolve() in {clean.resolve() for clean in (file, *(donors or []))}:
-        raise typer.BadParameter(f"the variant {str(out)!r} would take the place of a recording that it is made from")
-    rows = attack_file(file, out, name, read_values(parameters), donors or [], start_s=start, duration_s=duration, seed=seed)
+        raise typer.BadParameter(
+            f"the variant {str(out)!r} would take the place of a recording that it is made from"
+        )
+    rows = attack_file(
+        file,
+        out,
+        name,
+        read_values(parameters),
+        donors or [],
+        start_s=start,
+        duration_s=duration,
+        seed=seed,
+    )
     if as_json:
         print_json(rows)
     else:
@@ -193,16 +292,29 @@ def attack(
 def run(
     suite: Path,
     out: Annotated[Path, typer.Option("-o", help="Results folder.")],
-    workers: Annotated[Optional[int], typer.Option(help="Tasks at a time; else one per processor.")] = None,  # noqa: UP045
-    resume: Annotated[bool, typer.Option("--resume", help="Do what is missing in a results folder.")] = False,
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="With --resume, run failed tasks again.")] = False,
+    workers: Annotated[
+        int | None, typer.Option(help="Tasks at a time; else one per processor.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Do what is missing in a results folder.")
+    ] = False,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="With --resume, run failed tasks again.")
+    ] = False,
 ) -> None:
     """Run a suite of detectors, and score it."""
     from spoofbench.runner import run as run_suite
     from spoofbench.suite import load_suite
 
     with progress_bars() as progress:
-        run_suite(load_suite(suite), out, workers=workers, resume=resume, retry_failed=retry_failed, progress=progress("run"))
+        run_suite(
+            load_suite(suite),
+            out,
+            workers=workers,
+            resume=resume,
+            retry_failed=retry_failed,
+            progress=progress("run"),
+        )
     _leaderboard(out)
 
 
@@ -219,7 +331,9 @@ def score(results: Path) -> None:
 def report(
     results: Path,
     out: Annotated[Path, typer.Option("-o", help="Folder for the page.")],
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print the leaderboard as Markdown.")] = False,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the leaderboard as Markdown.")
+    ] = False,
 ) -> None:
     """Write the page and print the leaderboard."""
     from spoofbench import report as reports
@@ -234,9 +348,13 @@ def report(
 
 @app.command()
 def reproduce(
-    papers: Annotated[list[str], typer.Argument(metavar="PAPER...", help="lo2017, borio, tanil2018, kujur.")],
+    papers: Annotated[
+        list[str], typer.Argument(metavar="PAPER...", help="lo2017, borio, tanil2018, kujur.")
+    ],
     out: Annotated[Path, typer.Option("-o", help="Folder; each paper gets one in it.")],
-    data: Annotated[Path, typer.Option(help="Folder of further logs, where there is one.")] = Path("../shared/data"),
+    data: Annotated[Path, typer.Option(help="Folder of further logs, where there is one.")] = Path(
+        "../shared/data"
+    ),
     quick: Annotated[bool, typer.Option("--quick", help="A short form with fewer seeds.")] = False,
 ) -> None:
     """Put a paper's tables and figures beside ours."""
@@ -244,7 +362,12 @@ def reproduce(
     from spoofbench.reproducing import as_rows, reproduce_paper
 
     with progress_bars() as progress:
-        pages = [reproduce_paper(paper, out / paper, data if data.is_dir() else None, quick, progress(paper)) for paper in papers]
+        pages = [
+            reproduce_paper(
+                paper, out / paper, data if data.is_dir() else None, quick, progress(paper)
+            )
+            for paper in papers
+        ]
     for page, reproduced in pages:
         print_lines([*as_rows(reproduced), f"report: {page}"])
 
@@ -264,7 +387,12 @@ def integrity(
     if as_json:
         print_json(summary)
     else:
-        print_lines([*(f"{name:<22}{value:.6g}" for name, value in summary.items()), f"tables and pictures: {out}"])
+        print_lines(
+            [
+                *(f"{name:<22}{value:.6g}" for name, value in summary.items()),
+                f"tables and pictures: {out}",
+            ]
+        )
 
 
 @app.command()
@@ -273,15 +401,27 @@ def plugins(as_json: AsJson = False) -> None:
     from spoofbench import plugins as installed
 
     rows = [
-        {"kind": group.removeprefix("spoofbench.").removesuffix("s"), "name": p.name, "distribution": p.distribution, "version": p.version}
-        for group in (installed.CONVERTERS, installed.ATTACKS, installed.DETECTORS, installed.REPRODUCTIONS)
+        {
+            "kind": group.removeprefix("spoofbench.").removesuffix("s"),
+            "name": p.name,
+            "distribution": p.distribution,
+            "version": p.version,
+        }
+        for group in (
+            installed.CONVERTERS,
+            installed.ATTACKS,
+            installed.DETECTORS,
+            installed.REPRODUCTIONS,
+        )
         for p in installed.found(group).values()
     ]
     if as_json:
         print_json(rows)
     else:
         for row in rows:
-            typer.echo(f"{row['kind']:<12} {row['name']:<20} {row['distribution']} {row['version']}")
+            typer.echo(
+                f"{row['kind']:<12} {row['name']:<20} {row['distribution']} {row['version']}"
+            )
 
 
 @app.command()
@@ -290,13 +430,20 @@ def check(name: str, parameters: Parameters = None, as_json: AsJson = False) -> 
     from spoofbench import plugins as installed
     from spoofbench.testing import run_attack_checks, run_detector_checks
 
-    is_attack = name in installed.found(installed.ATTACKS) and name not in installed.found(installed.DETECTORS)
-    results = (run_attack_checks if is_attack else run_detector_checks)(name, read_values(parameters))
+    is_attack = name in installed.found(installed.ATTACKS) and name not in installed.found(
+        installed.DETECTORS
+    )
+    results = (run_attack_checks if is_attack else run_detector_checks)(
+        name, read_values(parameters)
+    )
     if as_json:
         print_json([{"check": r.name, "passed": r.passed, "reason": r.reason} for r in results])
     else:
         for result in results:
-            typer.echo(f"{'pass' if result.passed else 'FAIL'}  {result.name}{'' if result.passed else ': ' + (result.reason or '')}")
+            typer.echo(
+                f"{'pass' if result.passed else 'FAIL'}  "
+                f"{result.name}{'' if result.passed else ': ' + (result.reason or '')}"
+            )
     if not all(result.passed for result in results):
         raise typer.Exit(1)
 
@@ -306,7 +453,9 @@ def main() -> None:
     from spoofbench.errors import SpoofbenchError
 
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda number, _: sys.exit(128 + number))  # what is under way is tidied up on the way out
+        signal.signal(
+            number, lambda number, _: sys.exit(128 + number)
+        )  # what is under way is tidied up on the way out
     try:
         app()
     except SpoofbenchError as error:

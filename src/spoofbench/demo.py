@@ -22,12 +22,15 @@ def drive_bag() -> Path:
     """
     package = find_spec("pntos_cobra_datasets_ros")
     if package is None or not package.submodule_search_locations:
-        raise SpoofbenchError("the drive is not installed; install it with: pip install 'spoofbench[demo]'")
+        raise SpoofbenchError(
+            "the drive is not installed; install it with: pip install 'spoofbench[demo]'"
+        )
     return Path(package.submodule_search_locations[0]) / "cobra_gps_ins_example_data"
 
 
 def demonstrate(out: Path, workers: int | None, progress: Progress) -> Path:
-    """Convert the drive, write one variant to look at, run the suite and write the page; return the page's path.
+    """Convert the drive, write one variant to look at, run the suite and write the page; return the
+    page's path.
 
     What a killed demonstration has done is not done again.
     """
@@ -42,7 +45,13 @@ def demonstrate(out: Path, workers: int | None, progress: Progress) -> Path:
     attack_file(recording, out / "drive-replay.mcap", "replay", {})
     step(1.0)
     results = out / "results"
-    run(load_suite(suite), results, workers=workers, resume=results.exists(), progress=progress("run the detectors"))
+    run(
+        load_suite(suite),
+        results,
+        workers=workers,
+        resume=results.exists(),
+        progress=progress("run the detectors"),
+    )
     step = progress("write the report")
     page = write_site(results, out / "site")
     step(1.0)

@@ -6,7 +6,9 @@ class SpoofbenchError(Exception):
 
 
 class RecordingError(SpoofbenchError):
-    """A recording lacks what was asked of it, or was built from columns that do not fit together."""
+    """A recording lacks what was asked of it, or was built from columns that do not fit
+    together.
+    """
 
 
 class FormatError(SpoofbenchError):
@@ -22,7 +24,9 @@ class ConversionError(SpoofbenchError):
 
 
 class PluginError(SpoofbenchError):
-    """A plugin cannot be found, loaded or used; the text names it, its distribution and the reason."""
+    """A plugin cannot be found, loaded or used; the text names it, its distribution and the
+    reason.
+    """
 
 
 class NotApplicable(SpoofbenchError):

@@ -1,6 +1,7 @@
 """Plugins: found without import, loaded when used, blamed by name.
 
-Converters, attacks, detectors and reproductions of any distribution, ours included, come in by the same entry-point groups.
+Converters, attacks, detectors and reproductions of any distribution, ours included, come in by the
+same entry-point groups.
 """
 
 import difflib
@@ -13,7 +14,12 @@ from typing import Any, Literal
 
 from spoofbench.errors import PluginError
 
-Group = Literal["spoofbench.converters", "spoofbench.attacks", "spoofbench.detectors", "spoofbench.reproductions"]
+Group = Literal[
+    "spoofbench.converters",
+    "spoofbench.attacks",
+    "spoofbench.detectors",
+    "spoofbench.reproductions",
+]
 CONVERTERS: Group = "spoofbench.converters"
 ATTACKS: Group = "spoofbench.attacks"
 DETECTORS: Group = "spoofbench.detectors"
@@ -21,7 +27,9 @@ REPRODUCTIONS: Group = "spoofbench.reproductions"
 
 
 def role(group: Group) -> str:
-    """Return what a plugin of the group is: ``converter``, ``attack``, ``detector`` or ``reproduction``."""
+    """Return what a plugin of the group is: ``converter``, ``attack``, ``detector`` or
+    ``reproduction``.
+    """
     return group.removeprefix("spoofbench.").removesuffix("s")
 
 
@@ -48,7 +56,8 @@ class Plugin:
             return self.entry_point.load()
         except Exception as error:  # a plugin may raise anything
             raise PluginError(
-                f"{self} cannot be loaded from {self.entry_point.value!r}: {type(error).__name__}: {error}; "
+                f"{self} cannot be loaded from {self.entry_point.value!r}: "
+                f"{type(error).__name__}: {error}; "
                 f"reinstall or remove the distribution {self.distribution!r}"
             ) from error
 
@@ -63,11 +72,18 @@ def found(group: Group) -> Mapping[str, Plugin]:
     plugins: dict[str, Plugin] = {}
     for entry in sorted(entry_points(group=group), key=lambda entry: entry.name):
         distribution = entry.dist
-        name, version = (distribution.name, distribution.version) if distribution else ("an unknown distribution", "?")
+        name, version = (
+            (distribution.name, distribution.version)
+            if distribution
+            else ("an unknown distribution", "?")
+        )
         plugin = Plugin(group, entry.name, name, version, entry)
         other = plugins.setdefault(entry.name, plugin)
         if (other.distribution, other.entry_point.value) != (plugin.distribution, entry.value):
-            raise PluginError(f"{other} and {plugin} claim one name; uninstall {other.distribution!r} or {plugin.distribution!r}")
+            raise PluginError(
+                f"{other} and {plugin} claim one name; uninstall {other.distribution!r} or "
+                f"{plugin.distribution!r}"
+            )
     return MappingProxyType(plugins)
 
 
@@ -80,7 +96,9 @@ def find(group: Group, name: str) -> Plugin:
     plugins = found(group)
     if name not in plugins:
         near = difflib.get_close_matches(name, plugins, 1)
-        hint = f"did you mean {near[0]!r}?" if near else f"installed are {sorted(plugins) or 'none'}"
+        hint = (
+            f"did you mean {near[0]!r}?" if near else f"installed are {sorted(plugins) or 'none'}"
+        )
         raise PluginError(f"no {role(group)} is called {name!r}; {hint}")
     return plugins[name]
 
@@ -102,4 +120,6 @@ def make(group: Group, name: str, parameters: Mapping[str, Any] = MappingProxyTy
     try:
         return factory(**parameters)
     except Exception as error:  # a plugin may raise anything
-        raise PluginError(f"{plugin} refuses its parameters {dict(parameters)!r}: {type(error).__name__}: {error}") from error
+        raise PluginError(
+            f"{plugin} refuses its parameters {dict(parameters)!r}: {type(error).__name__}: {error}"
+        ) from error

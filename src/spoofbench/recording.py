@@ -1,7 +1,7 @@
 """Recordings: frozen tables of numpy columns by topic, and metadata.
 
-Columns are read-only views of immutable ``bytes``, so no detector can alter, or be made to alter, what the
-next one sees. Whatever looks like a change returns a new object.
+Columns are read-only views of immutable ``bytes``, so no detector can alter, or be made to alter,
+what the next one sees. Whatever looks like a change returns a new object.
 """
 
 import hashlib
@@ -18,21 +18,26 @@ from spoofbench.errors import RecordingError
 from spoofbench.schema import KINDS, SCHEMA_VERSION, SENSOR_KINDS, Field, Kind, split_topic
 
 Metadata = Mapping[str, Mapping[str, str]]
-"""Records of text by name, as in MCAP. A key whose value is unknown is left out; others than these may stand beside them.
+"""Records of text by name, as in MCAP. A key whose value is unknown is left out; others than these
+may stand beside them.
 
-recording       ``schema_version``; ``session_id``: recordings of one session share it; ``clock``: what ``time_ns`` is told by:
-                ``sensor`` (the devices, when they measured), ``recorder`` (the host, when it received) or ``gnss`` (there was no
-                clock: the first valid claimed time and nominal intervals); ``clock_steps`` as JSON and ``clock_step_count``:
-                where the log's clock stepped and the axis did not follow; ``reference_date`` and ``week_rollover`` as the user
-                gave them; ``leap_seconds`` as the log told them; ``times_without_zone``: stamps that were not used
-primary         by kind, the source that a detector gets when it asks for that kind
-source/<name>   ``topic``: where the log had it; ``device``; ``axes``: where x, y and z of a sensor point, such as ``frd``;
-                ``interval_s`` of an IMU's averages; ``antenna_position_m``; ``time_basis``, ``counter_offset_s`` and
-                ``counter_spread_s`` of a sensor's own counter laid on the axis; ``header_offset_s`` of a message's stamp;
-                ``solution``: ``gnss``, or ``fused`` with inertial sensors; ``<key>_basis``: how the converter knows.
-                That of the reference is ``source/reference``
-origin          ``file``, ``size``, ``sha256`` of the log; ``converter``, its ``converter_version`` and ``converter_distribution``,
-                ``options`` as JSON
+recording       ``schema_version``; ``session_id``: recordings of one session share it; ``clock``:
+                what ``time_ns`` is told by: ``sensor`` (the devices, when they measured),
+                ``recorder`` (the host, when it received) or ``gnss`` (there was no clock: the first
+                valid claimed time and nominal intervals); ``clock_steps`` as JSON and
+                ``clock_step_count``: where the log's clock stepped and the axis did not follow;
+                ``reference_date`` and ``week_rollover`` as the user gave them; ``leap_seconds`` as
+                the log told them; ``times_without_zone``: stamps that were not used
+primary         by kind, the source that a detector gets when it asks for that kind source/<name>
+``topic``: where the log had it; ``device``; ``axes``: where x, y and z of a sensor point, such as
+``frd``;
+                ``interval_s`` of an IMU's averages; ``antenna_position_m``; ``time_basis``,
+                ``counter_offset_s`` and ``counter_spread_s`` of a sensor's own counter laid on the
+                axis; ``header_offset_s`` of a message's stamp; ``solution``: ``gnss``, or ``fused``
+                with inertial sensors; ``<key>_basis``: how the converter knows. That of the
+                reference is ``source/reference``
+origin          ``file``, ``size``, ``sha256`` of the log; ``converter``, its ``converter_version``
+                and ``converter_distribution``, ``options`` as JSON
 ledger          :meth:`spoofbench.converting.Ledger.as_metadata`
 unread          by topic, what a file's messages are that are no rows of ours; reading gives it
 damage          ``truncated`` and ``lost_bytes`` of a file that was cut off; reading gives it
@@ -71,8 +76,8 @@ class Interval:
 class Column:
     """Values of one field, shape ``(n,)``.
 
-    Floats say absence by NaN and have no mask. ``valid`` is None where every row has a value. Text and
-    bytes hold codes into ``words``, -1 where absent.
+    Floats say absence by NaN and have no mask. ``valid`` is None where every row has a value. Text
+    and bytes hold codes into ``words``, -1 where absent.
     """
 
     values: NDArray[Any]
@@ -81,7 +86,9 @@ class Column:
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
-    """Return the array as a read-only view of immutable bytes, without a copy where it is one already."""
+    """Return the array as a read-only view of immutable bytes, without a copy where it is one
+    already.
+    """
     root: Any = array
     while isinstance(root, np.ndarray):
         root = root.base
@@ -93,23 +100,26 @@ def frozen(array: NDArray[Any]) -> NDArray[Any]:
 def encode_words(values: Sequence[str | None] | Sequence[bytes | None]) -> Column:
     """Dictionary-code a sequence of texts (or of byte strings); None is absent."""
     words: dict[Any, int] = {}
-    codes = np.fromiter((-1 if value is None else words.setdefault(value, len(words)) for value in values), np.int32, len(values))
+    codes = np.fromiter(
+        (-1 if value is None else words.setdefault(value, len(words)) for value in values),
+        np.int32,
+        len(values),
+    )
     return Column(codes, None, tuple(words))
 
 
 class Table(Mapping[str, NDArray[Any]]):
     """Rows of one kind: ``time_ns`` and one read-only array per field that is present.
 
-    ``table[name]`` gives the values of any field of the kind, shape ``(n,)``: floats with NaN where absent,
-    zeros where an absent number, flag or enum is masked by :meth:`valid`, codes into :meth:`words` for text.
+    ``table[name]`` gives the values of any field of the kind, shape ``(n,)``: floats with NaN where
+    absent, zeros where an absent number, flag or enum is masked by :meth:`valid`, codes into
+    :meth:`words` for text.
 
-    Args:
-        kind: name of a kind of the schema.
-        time_ns: int64 ``(n,)``, non-decreasing.
-        columns: by field name; an array, a :class:`Column`, or for text a sequence of ``str | None``.
+    Args: kind: name of a kind of the schema. time_ns: int64 ``(n,)``, non-decreasing. columns: by
+        field name; an array, a :class:`Column`, or for text a sequence of ``str | None``.
 
-    Raises:
-        RecordingError: unknown kind or field, shapes that differ, values that do not fit, or time running backwards.
+    Raises: RecordingError: unknown kind or field, shapes that differ, values that do not fit, or
+        time running backwards.
     """
 
     __slots__ = ("_columns", "kind", "time_ns")
@@ -117,14 +127,27 @@ class Table(Mapping[str, NDArray[Any]]):
     time_ns: NDArray[np.int64]
     _columns: Mapping[str, Column]
 
-    def __init__(self, kind: str, time_ns: ArrayLike, columns: Mapping[str, ArrayLike | Column | Sequence[Any]]) -> None:
+    def __init__(
+        self,
+        kind: str,
+        time_ns: ArrayLike,
+        columns: Mapping[str, ArrayLike | Column | Sequence[Any]],
+    ) -> None:
         if kind not in KINDS:
-            raise RecordingError(f"{kind!r} is not a kind of the schema; the kinds are {sorted(KINDS)}")
+            raise RecordingError(
+                f"{kind!r} is not a kind of the schema; the kinds are {sorted(KINDS)}"
+            )
         times = np.asarray(time_ns)
         if times.ndim != 1 or times.dtype != np.int64:
-            raise RecordingError(f"time_ns of a {kind} table must be int64 of shape (n,), not {times.dtype} of shape {times.shape}")
+            raise RecordingError(
+                f"time_ns of a {kind} table must be int64 of shape (n,), not {times.dtype} of "
+                f"shape {times.shape}"
+            )
         if times.size and np.any(times[1:] < times[:-1]):
-            raise RecordingError(f"time_ns of a {kind} table runs backwards at row {int(np.argmax(times[1:] < times[:-1])) + 1}")
+            raise RecordingError(
+                f"time_ns of a {kind} table runs backwards at row "
+                f"{int(np.argmax(times[1:] < times[:-1])) + 1}"
+            )
         fields = KINDS[kind].fields
         unknown = set(columns) - set(fields)
         if unknown:
@@ -132,7 +155,11 @@ class Table(Mapping[str, NDArray[Any]]):
         self.kind = KINDS[kind]
         self.time_ns = frozen(times)
         self._columns = MappingProxyType(
-            {name: _column(field, columns[name], times.size) for name, field in fields.items() if name in columns}
+            {
+                name: _column(field, columns[name], times.size)
+                for name, field in fields.items()
+                if name in columns
+            }
         )
 
     @classmethod
@@ -145,7 +172,10 @@ class Table(Mapping[str, NDArray[Any]]):
         return _rebuild_table, (
             self.kind.name,
             self.time_ns.tobytes(),
-            {name: (c.values.tobytes(), None if c.valid is None else c.valid.tobytes(), c.words) for name, c in self._columns.items()},
+            {
+                name: (c.values.tobytes(), None if c.valid is None else c.valid.tobytes(), c.words)
+                for name, c in self._columns.items()
+            },
         )
 
     def __len__(self) -> int:
@@ -170,7 +200,10 @@ class Table(Mapping[str, NDArray[Any]]):
         return (
             self.kind.name == other.kind.name
             and np.array_equal(self.time_ns, other.time_ns)
-            and all(_same(self.column(name), other.column(name)) for name in self._columns.keys() | other._columns.keys())
+            and all(
+                _same(self.column(name), other.column(name))
+                for name in self._columns.keys() | other._columns.keys()
+            )
         )
 
     __hash__ = None  # type: ignore[assignment]
@@ -211,9 +244,14 @@ class Table(Mapping[str, NDArray[Any]]):
         return [None if code < 0 else column.words[code] for code in column.values.tolist()]
 
     def take(self, rows: Rows) -> "Table":
-        """Return the rows that a slice, mask or index array selects; their order must stay that of time."""
+        """Return the rows that a slice, mask or index array selects; their order must stay that of
+        time.
+        """
         columns = {
-            name: _compact(Column(c.values[rows], None if c.valid is None else c.valid[rows], c.words)) for name, c in self._columns.items()
+            name: _compact(
+                Column(c.values[rows], None if c.valid is None else c.valid[rows], c.words)
+            )
+            for name, c in self._columns.items()
         }
         if isinstance(rows, slice) and (rows.step or 1) > 0:
             return Table._of(self.kind, self.time_ns[rows], columns)
@@ -221,8 +259,16 @@ class Table(Mapping[str, NDArray[Any]]):
 
     def replace(self, **columns: ArrayLike | Column | Sequence[Any] | None) -> "Table":
         """Return the table with these fields' columns exchanged; None takes a field away."""
-        kept = {name: column for name, column in self._columns.items() if columns.get(name, column) is not None}
-        return Table(self.kind.name, self.time_ns, {**kept, **{name: c for name, c in columns.items() if c is not None}})
+        kept = {
+            name: column
+            for name, column in self._columns.items()
+            if columns.get(name, column) is not None
+        }
+        return Table(
+            self.kind.name,
+            self.time_ns,
+            {**kept, **{name: c for name, c in columns.items() if c is not None}},
+        )
 
     def until(self, time_ns: int) -> "Table":
         """Return the rows at or before a time."""
@@ -242,9 +288,8 @@ class Table(Mapping[str, NDArray[Any]]):
 class Recording(Mapping[str, Table]):
     """Tables by topic, loaded when first used, and metadata.
 
-    Args:
-        tables: by topic; a table, or a function without arguments that returns it.
-        metadata: records of text by name. ``primary`` gives the source of each kind that a detector gets
+    Args: tables: by topic; a table, or a function without arguments that returns it. metadata:
+        records of text by name. ``primary`` gives the source of each kind that a detector gets
             when it asks for that kind.
 
     Raises:
@@ -253,15 +298,24 @@ class Recording(Mapping[str, Table]):
 
     __slots__ = ("_digest", "_tables", "metadata")
 
-    def __init__(self, tables: Mapping[str, Table | Callable[[], Table]], metadata: Metadata = MappingProxyType({})) -> None:
+    def __init__(
+        self,
+        tables: Mapping[str, Table | Callable[[], Table]],
+        metadata: Metadata = MappingProxyType({}),
+    ) -> None:
         for topic in tables:
             split_topic(topic)
         self._tables: dict[str, Table | Callable[[], Table]] = dict(sorted(tables.items()))
-        self.metadata: Metadata = MappingProxyType({name: MappingProxyType(dict(record)) for name, record in sorted(metadata.items())})
+        self.metadata: Metadata = MappingProxyType(
+            {name: MappingProxyType(dict(record)) for name, record in sorted(metadata.items())}
+        )
         self._digest: str | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Recording, (dict(self.items()), {name: dict(record) for name, record in self.metadata.items()})
+        return Recording, (
+            dict(self.items()),
+            {name: dict(record) for name, record in self.metadata.items()},
+        )
 
     def __getitem__(self, topic: str) -> Table:
         table = self._tables[topic]
@@ -294,7 +348,9 @@ class Recording(Mapping[str, Table]):
         times = [time for time in times if time.size]
         if not times:
             raise RecordingError("the recording has no rows")
-        return Interval(min(int(time[0]) for time in times), max(int(time[-1]) for time in times) + 1)
+        return Interval(
+            min(int(time[0]) for time in times), max(int(time[-1]) for time in times) + 1
+        )
 
     def topics(self, kind: str) -> tuple[str, ...]:
         """The topics of a kind, the primary source's first."""
@@ -314,9 +370,14 @@ class Recording(Mapping[str, Table]):
         return self[topics[0]]
 
     def replace(self, tables: Mapping[str, Table | None]) -> "Recording":
-        """Return the recording with these topics' tables exchanged or added; None takes a topic away."""
+        """Return the recording with these topics' tables exchanged or added; None takes a topic
+        away.
+        """
         kept = {topic: table for topic, table in self._tables.items() if topic not in tables}
-        return Recording({**kept, **{topic: table for topic, table in tables.items() if table is not None}}, self.metadata)
+        return Recording(
+            {**kept, **{topic: table for topic, table in tables.items() if table is not None}},
+            self.metadata,
+        )
 
     def with_metadata(self, metadata: Metadata) -> "Recording":
         """Return the recording with these metadata records exchanged or added."""
@@ -328,7 +389,9 @@ class Recording(Mapping[str, Table]):
 
     def between(self, start_ns: int, end_ns: int) -> "Recording":
         """Return all rows within ``[start_ns, end_ns)``."""
-        return Recording({topic: self[topic].between(start_ns, end_ns) for topic in self}, self.metadata)
+        return Recording(
+            {topic: self[topic].between(start_ns, end_ns) for topic in self}, self.metadata
+        )
 
     def blind(self) -> "Recording":
         """Return what a detector may see: an allow-list of sensor kinds and neutral metadata.
@@ -337,21 +400,33 @@ class Recording(Mapping[str, Table]):
         """
         metadata = {}
         for name, record in self.metadata.items():
-            allowed = _NEUTRAL_SOURCE_METADATA if name.startswith("source/") else _NEUTRAL_METADATA.get(name, frozenset())
+            allowed = (
+                _NEUTRAL_SOURCE_METADATA
+                if name.startswith("source/")
+                else _NEUTRAL_METADATA.get(name, frozenset())
+            )
             neutral = {key: value for key, value in record.items() if key in allowed}
             if neutral:
                 metadata[name] = neutral
-        return Recording({t: table for t, table in self._tables.items() if split_topic(t)[1] in SENSOR_KINDS}, metadata)
+        return Recording(
+            {t: table for t, table in self._tables.items() if split_topic(t)[1] in SENSOR_KINDS},
+            metadata,
+        )
 
     def digest(self) -> str:
-        """SHA-256 of the decoded rows of every topic, the schema version and the neutral metadata."""
+        """SHA-256 of the decoded rows of every topic, the schema version and the neutral
+        metadata.
+        """
         if self._digest is None:
             self._digest = self._digested()
         return self._digest
 
     def _digested(self) -> str:
         digest = hashlib.sha256()
-        header = {"schema": SCHEMA_VERSION, "metadata": {name: dict(record) for name, record in self.blind().metadata.items()}}
+        header = {
+            "schema": SCHEMA_VERSION,
+            "metadata": {name: dict(record) for name, record in self.blind().metadata.items()},
+        }
         digest.update(json.dumps(header, sort_keys=True).encode())
         for topic in self:
             _digest_table(digest, topic, self[topic])
@@ -368,21 +443,27 @@ def _digest_table(digest: Any, topic: str, table: Table) -> None:
         values, words = column.values, column.words
         if values.dtype.kind == "f":
             values = np.where(np.isnan(values), np.array(np.nan, values.dtype), values)
-        digest.update(json.dumps([name, None if words is None else [repr(word) for word in words]]).encode())
+        digest.update(
+            json.dumps([name, None if words is None else [repr(word) for word in words]]).encode()
+        )
         digest.update(np.packbits(table.valid(name)).tobytes() + values.tobytes())
 
 
 def _column(field: Field, given: Any, rows: int) -> Column:
     if field.category in ("text", "bytes"):
         column = given if isinstance(given, Column) else encode_words(given)
-        if column.words is None or not all(isinstance(word, str if field.category == "text" else bytes) for word in column.words):
+        if column.words is None or not all(
+            isinstance(word, str if field.category == "text" else bytes) for word in column.words
+        ):
             raise RecordingError(f"field {field.name!r} must be {field.category}")
         column = _compact(column)
     else:
         column = given if isinstance(given, Column) else Column(np.asarray(given))
     dtype, values = np.dtype(field.dtype), column.values
     if values.shape != (rows,) or (column.valid is not None and column.valid.shape != (rows,)):
-        raise RecordingError(f"field {field.name!r} has shape {values.shape} where the table has {rows} rows")
+        raise RecordingError(
+            f"field {field.name!r} has shape {values.shape} where the table has {rows} rows"
+        )
     if values.dtype != dtype:
         with np.errstate(invalid="ignore", over="ignore"):
             cast = values.astype(dtype)
@@ -394,12 +475,18 @@ def _column(field: Field, given: Any, rows: int) -> Column:
         if valid is not None:
             values, valid = np.where(valid, values, np.array(np.nan, dtype)), None
     elif valid is not None:
-        values, valid = (values, None) if valid.all() else (np.where(valid, values, np.zeros((), dtype)), frozen(valid.astype(bool)))
+        values, valid = (
+            (values, None)
+            if valid.all()
+            else (np.where(valid, values, np.zeros((), dtype)), frozen(valid.astype(bool)))
+        )
     return Column(frozen(values), valid, column.words)
 
 
 def _compact(column: Column) -> Column:
-    """Number a text column's words by first use and drop the unused, so that rows alone decide the column."""
+    """Number a text column's words by first use and drop the unused, so that rows alone decide the
+    column.
+    """
     if column.words is None:
         return column
     codes = column.values
@@ -409,7 +496,11 @@ def _compact(column: Column) -> Column:
     new = np.full(used.size, -1, np.int32)
     new[by_first_use] = np.arange(by_first_use.size, dtype=np.int32)
     words: Any = tuple(column.words[code] for code in used[by_first_use].tolist())
-    return Column(frozen(new[inverse.reshape(codes.shape)] if codes.size else codes.astype(np.int32)), None, words)
+    return Column(
+        frozen(new[inverse.reshape(codes.shape)] if codes.size else codes.astype(np.int32)),
+        None,
+        words,
+    )
 
 
 def _absent(field: Field, rows: int) -> Column:
@@ -426,17 +517,25 @@ def _same(a: Column, b: Column) -> bool:
         return a.words == b.words and np.array_equal(a.values, b.values)
     if a.values.dtype.kind == "f":
         return np.array_equal(a.values, b.values, equal_nan=True)
-    valid_a, valid_b = (np.ones(a.values.size, bool) if c.valid is None else c.valid for c in (a, b))
+    valid_a, valid_b = (
+        np.ones(a.values.size, bool) if c.valid is None else c.valid for c in (a, b)
+    )
     return np.array_equal(a.values, b.values) and np.array_equal(valid_a, valid_b)
 
 
-def _rebuild_table(kind: str, time_ns: bytes, columns: Mapping[str, tuple[bytes, bytes | None, Any]]) -> Table:
+def _rebuild_table(
+    kind: str, time_ns: bytes, columns: Mapping[str, tuple[bytes, bytes | None, Any]]
+) -> Table:
     fields = KINDS[kind].fields
     return Table._of(
         KINDS[kind],
         np.frombuffer(time_ns, np.int64),
         {
-            name: Column(np.frombuffer(values, fields[name].dtype), None if valid is None else np.frombuffer(valid, bool), words)
+            name: Column(
+                np.frombuffer(values, fields[name].dtype),
+                None if valid is None else np.frombuffer(valid, bool),
+                words,
+            )
             for name, (values, valid, words) in columns.items()
         },
     )

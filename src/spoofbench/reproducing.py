@@ -1,7 +1,8 @@
 """Papers' tables and figures beside ours: what a reproduction gives, and how it is written down.
 
-A reproduction is a module (or object) behind an entry point of the group ``spoofbench.reproductions``. It writes its
-numbers as Parquet and its pictures into a folder, and returns cells: one printed value each, ours beside it, and a verdict.
+A reproduction is a module (or object) behind an entry point of the group
+``spoofbench.reproductions``. It writes its numbers as Parquet and its pictures into a folder, and
+returns cells: one printed value each, ours beside it, and a verdict.
 """
 
 import base64
@@ -27,11 +28,10 @@ Progress = Callable[[float], None]
 class Cell:
     """One thing that a paper prints.
 
-    Attributes:
-        item: where the paper prints it, and what it is.
-        printed: its value, None where the paper shows a trend alone.
-        ours: our value; ``lo`` and ``hi`` its interval over seeds, None where nothing is random.
-        verdict: ``matches`` with nothing tuned; ``matches after calibration`` where something that the paper does not say
+    Attributes: item: where the paper prints it, and what it is. printed: its value, None where the
+        paper shows a trend alone. ours: our value; ``lo`` and ``hi`` its interval over seeds, None
+        where nothing is random. verdict: ``matches`` with nothing tuned; ``matches after
+        calibration`` where something that the paper does not say
             was chosen so that it does; ``trend only``; ``not reproduced``.
         reason: what the verdict rests on, in a sentence.
     """
@@ -73,19 +73,21 @@ class Reproduction(Protocol):
     TITLE: str
     PAPER: str
 
-    def reproduce(self, out: Path, data: Path | None, quick: bool, progress: Progress) -> Reproduced:
+    def reproduce(
+        self, out: Path, data: Path | None, quick: bool, progress: Progress
+    ) -> Reproduced:
         """Write Parquet files and pictures into ``out``.
 
-        Args:
-            out: folder, which exists.
-            data: folder of further logs, where there is one; what needs an absent log is left out and noted.
-            quick: a short form with fewer seeds, for tests.
-            progress: is told the share that is done, 0 to 1.
+        Args: out: folder, which exists. data: folder of further logs, where there is one; what
+            needs an absent log is left out and noted. quick: a short form with fewer seeds, for
+            tests. progress: is told the share that is done, 0 to 1.
         """
         ...
 
 
-def reproduce_paper(name: str, out: Path, data: Path | None, quick: bool, progress: Progress) -> tuple[Path, Reproduced]:
+def reproduce_paper(
+    name: str, out: Path, data: Path | None, quick: bool, progress: Progress
+) -> tuple[Path, Reproduced]:
     """Run a reproduction and write its pages; return the page's path and what was found.
 
     Raises:
@@ -100,8 +102,15 @@ def reproduce_paper(name: str, out: Path, data: Path | None, quick: bool, progre
 
 def as_rows(found: Reproduced) -> list[str]:
     """Return the cells and the tally as lines for a terminal."""
-    lines = [f"{cell.verdict:<25}{shown(cell.printed):>12} {shown(cell.ours):>14}  {cell.item}" for cell in found.cells]
-    return [f"{'verdict':<25}{'printed':>12} {'ours':>14}  item", *lines, ", ".join(f"{k}: {n}" for k, n in tally(found.cells).items())]
+    lines = [
+        f"{cell.verdict:<25}{shown(cell.printed):>12} {shown(cell.ours):>14}  {cell.item}"
+        for cell in found.cells
+    ]
+    return [
+        f"{'verdict':<25}{'printed':>12} {'ours':>14}  item",
+        *lines,
+        ", ".join(f"{k}: {n}" for k, n in tally(found.cells).items()),
+    ]
 
 
 def make_folder(path: Path) -> None:
@@ -113,7 +122,9 @@ def make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ResultsError(f"the folder {str(path)!r} cannot be made: {error.strerror or error}") from error
+        raise ResultsError(
+            f"the folder {str(path)!r} cannot be made: {error.strerror or error}"
+        ) from error
 
 
 def save_figure(figure: "Figure", path: Path) -> None:
@@ -125,8 +136,12 @@ def save_figure(figure: "Figure", path: Path) -> None:
         figure.savefig(path.with_suffix(".svg"), metadata={"Date": None, "Creator": None})
 
 
-def new_figure(width_in: float = 7.0, height_in: float = 4.2, columns: int = 1, rows: int = 1) -> tuple["Figure", Any]:
-    """Return a figure that needs no screen, and its axes as matplotlib's ``subplots`` gives them."""
+def new_figure(
+    width_in: float = 7.0, height_in: float = 4.2, columns: int = 1, rows: int = 1
+) -> tuple["Figure", Any]:
+    """Return a figure that needs no screen, and its axes as matplotlib's ``subplots`` gives
+    them.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -144,9 +159,15 @@ def save_table(columns: Mapping[str, Sequence[Any]], path: Path) -> None:
 
 
 def write_pages(out: Path, reproduction: Reproduction, found: Reproduced) -> Path:
-    """Write ``verdicts.json``, ``README.md`` and ``index.html`` beside the pictures; return the page's path."""
+    """Write ``verdicts.json``, ``README.md`` and ``index.html`` beside the pictures; return the
+    page's path.
+    """
     verdicts = json.dumps([asdict(cell) for cell in found.cells], indent=1, allow_nan=False) + "\n"
-    texts = {"verdicts.json": verdicts, "README.md": as_markdown(reproduction, found), "index.html": _page(out, reproduction, found)}
+    texts = {
+        "verdicts.json": verdicts,
+        "README.md": as_markdown(reproduction, found),
+        "index.html": _page(out, reproduction, found),
+    }
     for name, text in texts.items():
         write_whole(out / name, partial(Path.write_text, data=text, encoding="utf-8", newline="\n"))
     return out / "index.html"
@@ -164,7 +185,10 @@ def as_markdown(reproduction: Reproduction, found: Reproduced) -> str:
     ]
     for cell in found.cells:
         text = f"**{cell.item}**: {cell.reason}".replace("|", "\\|")
-        lines.append(f"| {shown(cell.printed)} | {shown(cell.ours)} | {_interval(cell)} | {cell.verdict} | {text} |")
+        lines.append(
+            f"| {shown(cell.printed)} | {shown(cell.ours)} | {_interval(cell)} | {cell.verdict} | "
+            f"{text} |"
+        )
     lines += ["", *(f"- {note}" for note in found.notes)]
     for picture in found.pictures:
         lines += ["", f"![{picture.caption}]({picture.name}.png)", "", picture.caption]
@@ -173,7 +197,12 @@ def as_markdown(reproduction: Reproduction, found: Reproduced) -> str:
 
 def tally(cells: Sequence[Cell]) -> dict[str, int]:
     """How many cells have each verdict, the best first."""
-    order: tuple[Verdict, ...] = ("matches", "matches after calibration", "trend only", "not reproduced")
+    order: tuple[Verdict, ...] = (
+        "matches",
+        "matches after calibration",
+        "trend only",
+        "not reproduced",
+    )
     return {verdict: sum(cell.verdict == verdict for cell in cells) for verdict in order}
 
 
@@ -191,9 +220,21 @@ def _interval(cell: Cell) -> str:
 def _page(out: Path, reproduction: Reproduction, found: Reproduced) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    environment = Environment(autoescape=True, undefined=StrictUndefined, loader=PackageLoader("spoofbench.report", "templates"))
-    pictures = [(p.caption, base64.b64encode((out / f"{p.name}.png").read_bytes()).decode()) for p in found.pictures]
+    environment = Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        loader=PackageLoader("spoofbench.report", "templates"),
+    )
+    pictures = [
+        (p.caption, base64.b64encode((out / f"{p.name}.png").read_bytes()).decode())
+        for p in found.pictures
+    ]
     rows = [(cell, shown(cell.printed), shown(cell.ours), _interval(cell)) for cell in found.cells]
     return environment.get_template("reproduction.html.j2").render(
-        title=reproduction.TITLE, paper=reproduction.PAPER, rows=rows, notes=found.notes, pictures=pictures, tally=tally(found.cells)
+        title=reproduction.TITLE,
+        paper=reproduction.PAPER,
+        rows=rows,
+        notes=found.notes,
+        pictures=pictures,
+        tally=tally(found.cells),
     )

@@ -35,7 +35,9 @@ FAILURES: frozenset[Status] = frozenset({"failed", "timeout", "out_of_memory"})
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One row of ``tasks.parquet``: one detector on one variant. An unattacked task has no attack, window or seed."""
+    """One row of ``tasks.parquet``: one detector on one variant. An unattacked task has no attack,
+    window or seed.
+    """
 
     task_id: str
     variant_id: str
@@ -59,8 +61,15 @@ class Task:
     reason: str | None
 
 
-_ARROW: dict[Any, Any] = {int: pa.int64(), int | None: pa.int64(), float: pa.float64(), float | None: pa.float64()}
-TASK_SCHEMA = pa.schema([(field.name, _ARROW.get(field.type, pa.string())) for field in fields(Task)])
+_ARROW: dict[Any, Any] = {
+    int: pa.int64(),
+    int | None: pa.int64(),
+    float: pa.float64(),
+    float | None: pa.float64(),
+}
+TASK_SCHEMA = pa.schema(
+    [(field.name, _ARROW.get(field.type, pa.string())) for field in fields(Task)]
+)
 _KNOWN = [field.name for field in fields(Task) if NoneType not in get_args(field.type)]
 
 
@@ -68,16 +77,13 @@ _KNOWN = [field.name for field in fields(Task) if NoneType not in get_args(field
 class Truth:
     """The scoring grid of a variant, arrays ``(n,)``, and its attack intervals.
 
-    Attributes:
-        time_ns: epochs of the variant's primary PVT, and the nominal epochs inside its gaps.
-        observed: whether the variant has a row there (else a nominal epoch).
-        spoofed: within an attack interval.
-        guard: within 10 s after one, where an epoch is neither clean nor spoofed (a detector's ``memory_s`` may extend it).
-        lat_deg, lon_deg: as the variant says; NaN at nominal epochs.
-        clean_lat_deg, clean_lon_deg: as the clean recording says.
-        position_error_m: 3-D distance of the two, NaN where either is absent.
-        velocity_error_mps: norm of the difference of the two velocities.
-        epoch_ns: nominal interval of the grid.
+    Attributes: time_ns: epochs of the variant's primary PVT, and the nominal epochs inside its
+        gaps. observed: whether the variant has a row there (else a nominal epoch). spoofed: within
+        an attack interval. guard: within 10 s after one, where an epoch is neither clean nor
+        spoofed (a detector's ``memory_s`` may extend it). lat_deg, lon_deg: as the variant says;
+        NaN at nominal epochs. clean_lat_deg, clean_lon_deg: as the clean recording says.
+        position_error_m: 3-D distance of the two, NaN where either is absent. velocity_error_mps:
+        norm of the difference of the two velocities. epoch_ns: nominal interval of the grid.
         intervals: the rows of ``/truth/attack``.
     """
 
@@ -97,14 +103,18 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What became of a task: decisions where the status is ``ok``, else the reason why there are none."""
+    """What became of a task: decisions where the status is ``ok``, else the reason why there are
+    none.
+    """
 
     status: Status
     reason: str | None
     decisions: Decisions | None
 
 
-_DECISION_SCHEMA = pa.schema([("time_ns", pa.int64()), ("score", pa.float64()), ("available", pa.bool_())])
+_DECISION_SCHEMA = pa.schema(
+    [("time_ns", pa.int64()), ("score", pa.float64()), ("available", pa.bool_())]
+)
 
 
 def write_outcome(folder: Path, task_id: str, outcome: Outcome) -> None:
@@ -112,7 +122,10 @@ def write_outcome(folder: Path, task_id: str, outcome: Outcome) -> None:
     d = outcome.decisions
     columns: list[Any] = [[], [], []] if d is None else [d.time_ns, d.score, d.available]
     about = {"status": outcome.status, "reason": outcome.reason or ""}
-    write_parquet(folder / "decisions" / f"{task_id}.parquet", pa.table(columns, _DECISION_SCHEMA.with_metadata(about)))
+    write_parquet(
+        folder / "decisions" / f"{task_id}.parquet",
+        pa.table(columns, _DECISION_SCHEMA.with_metadata(about)),
+    )
 
 
 def read_outcome(folder: Path, task_id: str) -> Outcome | None:
@@ -133,12 +146,24 @@ def read_outcome(folder: Path, task_id: str) -> Outcome | None:
         try:
             decisions = Decisions(*_columns(path, table, _DECISION_SCHEMA).values())
         except PluginError as error:
-            raise ResultsError(f"{path} is damaged: {error}; delete it and resume the run") from error
+            raise ResultsError(
+                f"{path} is damaged: {error}; delete it and resume the run"
+            ) from error
     return Outcome(about["status"], about.get("reason") or None, decisions)
 
 
-_TRUTH_TYPES: dict[Any, Any] = {NDArray[np.int64]: pa.int64(), NDArray[np.bool_]: pa.bool_(), NDArray[np.float64]: pa.float64()}
-_TRUTH_SCHEMA = pa.schema([(field.name, _TRUTH_TYPES[field.type]) for field in fields(Truth) if field.type in _TRUTH_TYPES])
+_TRUTH_TYPES: dict[Any, Any] = {
+    NDArray[np.int64]: pa.int64(),
+    NDArray[np.bool_]: pa.bool_(),
+    NDArray[np.float64]: pa.float64(),
+}
+_TRUTH_SCHEMA = pa.schema(
+    [
+        (field.name, _TRUTH_TYPES[field.type])
+        for field in fields(Truth)
+        if field.type in _TRUTH_TYPES
+    ]
+)
 
 
 def write_truth(folder: Path, variant_id: str, truth: Truth) -> None:
@@ -146,9 +171,13 @@ def write_truth(folder: Path, variant_id: str, truth: Truth) -> None:
     columns = {name: getattr(truth, name) for name in _TRUTH_SCHEMA.names}
     about = {
         "epoch_ns": str(truth.epoch_ns),
-        "intervals": json.dumps([[interval.start_ns, interval.end_ns] for interval in truth.intervals]),
+        "intervals": json.dumps(
+            [[interval.start_ns, interval.end_ns] for interval in truth.intervals]
+        ),
     }
-    write_parquet(folder / "truth" / f"{variant_id}.parquet", pa.table(columns).replace_schema_metadata(about))
+    write_parquet(
+        folder / "truth" / f"{variant_id}.parquet", pa.table(columns).replace_schema_metadata(about)
+    )
 
 
 def has_truth(folder: Path, variant_id: str) -> bool:
@@ -167,18 +196,29 @@ def read_truth(folder: Path, variant_id: str) -> Truth:
     columns = _columns(path, table, _TRUTH_SCHEMA)
     about = table.schema.metadata or {}
     try:
-        bounds = np.array(json.loads(about[b"intervals"]) or np.empty((0, 2), np.int64)).reshape(-1, 2)
+        bounds = np.array(json.loads(about[b"intervals"]) or np.empty((0, 2), np.int64)).reshape(
+            -1, 2
+        )
         epoch_ns = int(about[b"epoch_ns"])
         if bounds.dtype != np.int64 or not 0 < epoch_ns < 2**63:
             raise ValueError("not whole nanoseconds")
-        return Truth(**columns, epoch_ns=epoch_ns, intervals=tuple(Interval(*pair) for pair in bounds.tolist()))
+        return Truth(
+            **columns,
+            epoch_ns=epoch_ns,
+            intervals=tuple(Interval(*pair) for pair in bounds.tolist()),
+        )
     except (KeyError, TypeError, ValueError, RecordingError, RecursionError) as error:
-        raise ResultsError(f"{path} does not say its epoch and intervals; run the suite again") from error
+        raise ResultsError(
+            f"{path} does not say its epoch and intervals; run the suite again"
+        ) from error
 
 
 def write_tasks(folder: Path, tasks: Sequence[Task]) -> None:
     """Write ``tasks.parquet``, rows in the order of the suite."""
-    write_parquet(folder / "tasks.parquet", pa.Table.from_pylist([asdict(task) for task in tasks], TASK_SCHEMA))
+    write_parquet(
+        folder / "tasks.parquet",
+        pa.Table.from_pylist([asdict(task) for task in tasks], TASK_SCHEMA),
+    )
 
 
 def read_tasks(folder: Path) -> list[Task]:
@@ -192,13 +232,19 @@ def read_tasks(folder: Path) -> list[Task]:
     for row in rows:
         unknown = [name for name in _KNOWN if row[name] is None]
         if unknown or row["status"] not in get_args(Status):
-            raise ResultsError(f"{path} is damaged: a task has no {(unknown or ['status'])[0]!r} that is known; resume the run")
+            raise ResultsError(
+                f"{path} is damaged: a task has no {(unknown or ['status'])[0]!r} that is known; "
+                "resume the run"
+            )
     return [Task(**row) for row in rows]
 
 
 def write_run(folder: Path, run: Mapping[str, Any]) -> None:
     """Write ``run.json``."""
-    write_whole(folder / "run.json", lambda path: path.write_text(json.dumps(run, indent=1, sort_keys=True) + "\n"))
+    write_whole(
+        folder / "run.json",
+        lambda path: path.write_text(json.dumps(run, indent=1, sort_keys=True) + "\n"),
+    )
 
 
 def read_run(folder: Path) -> dict[str, Any]:
@@ -239,16 +285,26 @@ def read_rows(path: Path, schema: pa.Schema) -> list[dict[str, Any]]:
     """
     table = read_parquet(path)
     if not table.schema.equals(schema):
-        raise ResultsError(f"{path} is of another version of spoofbench: it has columns {table.column_names}; run the suite again")
+        raise ResultsError(
+            f"{path} is of another version of spoofbench: it has columns {table.column_names}; "
+            "run the suite again"
+        )
     for column in schema:
-        if column.type == pa.float64() and not np.isfinite(table[column.name].drop_null().to_numpy()).all():
-            raise ResultsError(f"{path} is damaged: {column.name!r} is not finite everywhere; score the folder again")
+        if (
+            column.type == pa.float64()
+            and not np.isfinite(table[column.name].drop_null().to_numpy()).all()
+        ):
+            raise ResultsError(
+                f"{path} is damaged: {column.name!r} is not finite everywhere; score the folder "
+                "again"
+            )
     rows: list[dict[str, Any]] = table.to_pylist()
     return rows
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Let a function write a file under a temporary name, and rename it: it is there whole or not at all.
+    """Let a function write a file under a temporary name, and rename it: it is there whole or not
+    at all.
 
     Raises:
         ResultsError: it cannot be written.
@@ -268,6 +324,10 @@ def _columns(path: Path, table: pa.Table, schema: pa.Schema) -> dict[str, Any]:
     """Return columns of these types, without nulls, as arrays."""
     for column in schema:
         name = column.name
-        if name not in table.column_names or table[name].type != column.type or table[name].null_count:
+        if (
+            name not in table.column_names
+            or table[name].type != column.type
+            or table[name].null_count
+        ):
             raise ResultsError(f"{path} lacks values of {name!r}; delete it and resume the run")
     return {name: table[name].to_numpy() for name in schema.names}

@@ -1,4 +1,5 @@
-"""Suites: which recordings, attacks, seeds and detectors a benchmark crosses, read from a TOML file.
+"""Suites: which recordings, attacks, seeds and detectors a benchmark crosses, read from a TOML
+file.
 
 ::
 
@@ -31,7 +32,8 @@
     parameters = { statistic = "H_ag" }
     hold_s = 1.0                       # how long a decision stands; default: one epoch
 
-A detector with a parameter called ``rate_per_hour`` that the suite leaves open gets ``target_far_per_hour``.
+A detector with a parameter called ``rate_per_hour`` that the suite leaves open gets
+``target_far_per_hour``.
 """
 
 import difflib
@@ -50,7 +52,9 @@ RATE_PARAMETER = "rate_per_hour"
 """A detector's parameter of this name defaults to the suite's target false-alert rate."""
 
 MOST_S = 1e9
-"""Longest time that a suite can ask for, over 30 years: it fits in nanoseconds, and in what a system can wait."""
+"""Longest time that a suite can ask for, over 30 years: it fits in nanoseconds, and in what a
+system can wait.
+"""
 
 LEAST_MEMORY_MB = 256
 """A worker with less cannot even import what it needs."""
@@ -60,7 +64,9 @@ _LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What one task may take: wall-clock time, and memory over that of a worker that holds the recording."""
+    """What one task may take: wall-clock time, and memory over that of a worker that holds the
+    recording.
+    """
 
     time_s: float = 60.0
     memory_mb: int = 512
@@ -98,7 +104,9 @@ class DetectorEntry:
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """A benchmark: every recording unattacked, and recordings x attacks x seeds, before every detector."""
+    """A benchmark: every recording unattacked, and recordings x attacks x seeds, before every
+    detector.
+    """
 
     name: str
     seed: int
@@ -113,7 +121,11 @@ class Suite:
 
     def attacks_on(self, recording: str) -> tuple[AttackEntry, ...]:
         """The attacks on one recording, in the suite's order."""
-        return tuple(attack for attack in self.attacks if attack.recordings is None or recording in attack.recordings)
+        return tuple(
+            attack
+            for attack in self.attacks
+            if attack.recordings is None or recording in attack.recordings
+        )
 
 
 def packaged_suite(name: str) -> str:
@@ -144,7 +156,9 @@ def load_suite(path: Path) -> Suite:
     try:
         return _suite(path, document)
     except RecursionError as error:
-        raise SuiteError(f"the suite {path.name!r} nests its tables too deeply; write parameters flat") from error
+        raise SuiteError(
+            f"the suite {path.name!r} nests its tables too deeply; write parameters flat"
+        ) from error
 
 
 def _suite(path: Path, document: Mapping[str, Any]) -> Suite:
@@ -157,20 +171,25 @@ def _suite(path: Path, document: Mapping[str, Any]) -> Suite:
         duration_s=top.seconds("duration_s", exclusive=True),
         target_far_per_hour=top.number("target_far_per_hour", 0.0),
         limits=_limits(top.section("limits")),
-        recordings=tuple(_recording(section, path.parent) for section in top.sections("recordings")),
+        recordings=tuple(
+            _recording(section, path.parent) for section in top.sections("recordings")
+        ),
         attacks=tuple(_attack(section) for section in top.sections("attacks", may_be_empty=True)),
         detectors=tuple(_detector(section) for section in top.sections("detectors")),
     )
     top.close()
     for key in ("recordings", "attacks", "detectors"):
-        _distinct(f"suite {path.name!r}: id of [[{key}]]", [entry.id for entry in getattr(suite, key)])
+        _distinct(
+            f"suite {path.name!r}: id of [[{key}]]", [entry.id for entry in getattr(suite, key)]
+        )
     _refer_to_recordings(suite, path.name)
     return suite
 
 
 def _limits(section: "_Section") -> Limits:
     limits = Limits(
-        section.seconds("time_s", Limits().time_s, exclusive=True), section.whole("memory_mb", LEAST_MEMORY_MB, Limits().memory_mb)
+        section.seconds("time_s", Limits().time_s, exclusive=True),
+        section.whole("memory_mb", LEAST_MEMORY_MB, Limits().memory_mb),
     )
     section.close()
     return limits
@@ -178,14 +197,24 @@ def _limits(section: "_Section") -> Limits:
 
 def _recording(section: "_Section", folder: Path) -> RecordingEntry:
     name = section.label("id")
-    entry = RecordingEntry(name, folder / section.text("path"), section.label("session", name), section.labels("donors", ()) or ())
+    entry = RecordingEntry(
+        name,
+        folder / section.text("path"),
+        section.label("session", name),
+        section.labels("donors", ()) or (),
+    )
     section.close()
     return entry
 
 
 def _attack(section: "_Section") -> AttackEntry:
     plugin = section.label("name")
-    entry = AttackEntry(section.label("id", plugin), plugin, section.parameters("parameters"), section.labels("recordings", None))
+    entry = AttackEntry(
+        section.label("id", plugin),
+        plugin,
+        section.parameters("parameters"),
+        section.labels("recordings", None),
+    )
     section.close()
     return entry
 
@@ -193,7 +222,9 @@ def _attack(section: "_Section") -> AttackEntry:
 def _detector(section: "_Section") -> DetectorEntry:
     plugin = section.label("name")
     hold_s = section.seconds("hold_s", exclusive=True) if "hold_s" in section else None
-    entry = DetectorEntry(section.label("id", plugin), plugin, section.parameters("parameters"), hold_s)
+    entry = DetectorEntry(
+        section.label("id", plugin), plugin, section.parameters("parameters"), hold_s
+    )
     section.close()
     return entry
 
@@ -207,16 +238,22 @@ def _distinct(what: str, values: Iterable[Any]) -> None:
 def _refer_to_recordings(suite: Suite, name: str) -> None:
     known = [entry.id for entry in suite.recordings]
     references = [(f"donors of recording {entry.id!r}", entry.donors) for entry in suite.recordings]
-    references += [(f"recordings of attack {entry.id!r}", entry.recordings or ()) for entry in suite.attacks]
+    references += [
+        (f"recordings of attack {entry.id!r}", entry.recordings or ()) for entry in suite.attacks
+    ]
     for where, ids in references:
         for reference in ids:
             if reference not in known:
                 raise SuiteError(
-                    f"suite {name!r}: {where} names {reference!r}, which is no recording of the suite{_meant(reference, known)}"
+                    f"suite {name!r}: {where} names {reference!r}, which is no recording of the "
+                    f"suite{_meant(reference, known)}"
                 )
     for entry in suite.recordings:
         if entry.id in entry.donors:
-            raise SuiteError(f"suite {name!r}: recording {entry.id!r} is its own donor; leave it out of its donors")
+            raise SuiteError(
+                f"suite {name!r}: recording {entry.id!r} is its own donor; leave it out of its "
+                "donors"
+            )
 
 
 def _meant(given: str, known: Iterable[str]) -> str:
@@ -228,7 +265,9 @@ def _meant(given: str, known: Iterable[str]) -> str:
 def _is_finite(value: Any) -> bool:
     """Whether a value is a number that a float can express."""
     try:
-        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        return (
+            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        )
     except OverflowError:
         return False
 
@@ -237,7 +276,9 @@ _REQUIRED: Any = object()
 
 
 class _Section:
-    """A TOML table on its way to a dataclass: knows where it stands and which keys were asked for."""
+    """A TOML table on its way to a dataclass: knows where it stands and which keys were asked
+    for.
+    """
 
     def __init__(self, where: str, table: Mapping[str, Any]) -> None:
         self.where = where
@@ -260,7 +301,9 @@ class _Section:
         """Refuse keys that nobody asked for."""
         for key in self.table:
             if key not in self.asked:
-                raise SuiteError(f"{self.where} has an unknown key {key!r}{_meant(key, self.asked)}")
+                raise SuiteError(
+                    f"{self.where} has an unknown key {key!r}{_meant(key, self.asked)}"
+                )
 
     def text(self, key: str) -> str:
         value = self.get(key)
@@ -271,18 +314,26 @@ class _Section:
     def label(self, key: str, default: Any = _REQUIRED) -> str:
         value = self.get(key, default)
         if not isinstance(value, str) or not _LABEL.fullmatch(value):
-            raise self.wrong(key, "up to 64 letters, digits, '.', '_' or '-', with a letter or digit first")
+            raise self.wrong(
+                key, "up to 64 letters, digits, '.', '_' or '-', with a letter or digit first"
+            )
         return value
 
     def labels(self, key: str, default: tuple[str, ...] | None) -> tuple[str, ...] | None:
         if key not in self:
             return default
         value = self.get(key)
-        if not isinstance(value, list) or not all(isinstance(item, str) for item in value) or len(set(value)) < len(value):
+        if (
+            not isinstance(value, list)
+            or not all(isinstance(item, str) for item in value)
+            or len(set(value)) < len(value)
+        ):
             raise self.wrong(key, "a list of different ids of recordings")
         return tuple(value)
 
-    def number(self, key: str, least: float, default: Any = _REQUIRED, *, exclusive: bool = False) -> float:
+    def number(
+        self, key: str, least: float, default: Any = _REQUIRED, *, exclusive: bool = False
+    ) -> float:
         value = self.get(key, default)
         if not _is_finite(value) or value < least or (exclusive and value == least):
             raise self.wrong(key, f"a number {'above' if exclusive else 'of at least'} {least:g}")
@@ -302,15 +353,24 @@ class _Section:
 
     def seeds(self, key: str) -> tuple[int, ...]:
         value = self.get(key)
-        fits = isinstance(value, list) and all(isinstance(seed, int) and not isinstance(seed, bool) for seed in value)
-        if not fits or not value or not all(0 <= seed < 2**63 for seed in value) or len(set(value)) < len(value):
+        fits = isinstance(value, list) and all(
+            isinstance(seed, int) and not isinstance(seed, bool) for seed in value
+        )
+        if (
+            not fits
+            or not value
+            or not all(0 <= seed < 2**63 for seed in value)
+            or len(set(value)) < len(value)
+        ):
             raise self.wrong(key, "a list of different whole numbers of at least 0, and not empty")
         return tuple(value)
 
     def parameters(self, key: str) -> Mapping[str, Any]:
         value = self.get(key, {})
         if not isinstance(value, dict):
-            raise self.wrong(key, "a table of the plugin's parameters, such as { window_s = 120.0 }")
+            raise self.wrong(
+                key, "a table of the plugin's parameters, such as { window_s = 120.0 }"
+            )
         return {name: self.parameter(name, item) for name, item in value.items()}
 
     def parameter(self, name: str, value: Any) -> Any:
@@ -320,7 +380,8 @@ class _Section:
             return {key: self.parameter(f"{name}.{key}", item) for key, item in value.items()}
         if not isinstance(value, str | bool) and not _is_finite(value):
             raise SuiteError(
-                f"{self.where}: parameter {name} = {value!r} must be a text, a finite number, true or false; write dates as text"
+                f"{self.where}: parameter {name} = {value!r} must be a text, a finite number, "
+                "true or false; write dates as text"
             )
         return value
 
@@ -336,4 +397,7 @@ class _Section:
             raise self.wrong(key, f"tables: write each as [[{key}]]")
         if not value and not may_be_empty:
             raise SuiteError(f"{self.where} has no [[{key}]]; add at least one")
-        return [_Section(f"{self.where}, [[{key}]] number {index}", item) for index, item in enumerate(value, 1)]
+        return [
+            _Section(f"{self.where}, [[{key}]] number {index}", item)
+            for index, item in enumerate(value, 1)
+        ]

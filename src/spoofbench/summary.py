@@ -80,7 +80,11 @@ def summarise(path: Path) -> Summary:
         FormatError: the file is not a recording, or is damaged.
     """
     recording = read(path)
-    span = recording.span if any(len(table) for topic, table in recording.items() if topic != TRUTH_TOPIC) else None
+    span = (
+        recording.span
+        if any(len(table) for topic, table in recording.items() if topic != TRUTH_TOPIC)
+        else None
+    )
     return Summary(
         file=path.name,
         start_ns=span.start_ns if span else None,
@@ -89,7 +93,9 @@ def summarise(path: Path) -> Summary:
         topics=tuple(_topic(recording, topic) for topic in recording),
         motion=_motion(recording.primary("gnss/pvt")) if "gnss/pvt" in recording.kinds else None,
         attacks=len(recording[TRUTH_TOPIC]) if TRUTH_TOPIC in recording else 0,
-        metadata={name: dict(record) for name, record in recording.metadata.items() if name != "ledger"},
+        metadata={
+            name: dict(record) for name, record in recording.metadata.items() if name != "ledger"
+        },
         ledger=_ledger(recording.metadata.get("ledger")),
         findings=tuple(examine(recording)),
     )
@@ -121,7 +127,15 @@ def as_text(summary: Summary) -> str:
     origin = summary.metadata.get("origin", {})
     lines = [printable(summary.file), f"  {when}", *_topic_lines(summary.topics), ""]
     if "file" in origin:
-        lines.append(_pair("log", f"{origin['file']}, {_size(origin.get('size', ''))}by the {origin.get('converter', '?')} converter"))
+        lines.append(
+            _pair(
+                "log",
+                (
+                    f"{origin['file']}, {_size(origin.get('size', ''))}by the "
+                    f"{origin.get('converter', '?')} converter"
+                ),
+            )
+        )
     lines.append(_pair("clock", _clock_text(summary)))
     here = {split_topic(topic.topic)[0] or "reference" for topic in summary.topics}
     for name, record in summary.metadata.items():
@@ -142,16 +156,34 @@ def _clock_text(summary: Summary) -> str:
     about = summary.metadata.get("recording", {})
     steps = about.get("clock_step_count", "0")
     said = {"leap_seconds": "leap seconds ", "reference_date": "date by the user "}
-    parts = [summary.clock or "unknown", *(f"{text}{about[key]}" for key, text in said.items() if key in about)]
+    parts = [
+        summary.clock or "unknown",
+        *(f"{text}{about[key]}" for key, text in said.items() if key in about),
+    ]
     return ", ".join([*parts, f"{steps} steps"] if steps != "0" else parts)
 
 
 def _source_text(record: Mapping[str, str]) -> str:
-    """What a source is: device and firmware, what its solution is of, its axes, and where the log had it."""
-    solution = {"gnss": "GNSS only", "fused": "fused with inertial sensors"}.get(record.get("solution", ""))
+    """What a source is: device and firmware, what its solution is of, its axes, and where the log
+    had it.
+    """
+    solution = {"gnss": "GNSS only", "fused": "fused with inertial sensors"}.get(
+        record.get("solution", "")
+    )
     axes = f"axes {record['axes']}" if "axes" in record else None
     return (
-        ", ".join(part for part in (record.get("device"), record.get("firmware"), solution, axes, record.get("topic")) if part) or "unknown"
+        ", ".join(
+            part
+            for part in (
+                record.get("device"),
+                record.get("firmware"),
+                solution,
+                axes,
+                record.get("topic"),
+            )
+            if part
+        )
+        or "unknown"
     )
 
 
@@ -161,12 +193,22 @@ def _ledger_text(ledger: Ledger) -> str:
         return text
     reason, count = ledger.reasons.most_common(1)[0]
     share = 100 * ledger.skipped / (ledger.used + ledger.skipped)
-    return f"{text} ({'less than 0.1' if share < 0.05 else f'{share:.1f}'} %), {count:,} of them: {reason}"
+    return (
+        f"{text} ({'less than 0.1' if share < 0.05 else f'{share:.1f}'} %), {count:,} of them: "
+        f"{reason}"
+    )
 
 
 def _doctor_text(findings: Sequence[Finding]) -> str:
-    codes = {severity: [finding.code for finding in findings if finding.severity == severity] for severity in ("error", "warning")}
-    said = [f"{counted(len(found), severity)}: {', '.join(dict.fromkeys(found))}" for severity, found in codes.items() if found]
+    codes = {
+        severity: [finding.code for finding in findings if finding.severity == severity]
+        for severity in ("error", "warning")
+    }
+    said = [
+        f"{counted(len(found), severity)}: {', '.join(dict.fromkeys(found))}"
+        for severity, found in codes.items()
+        if found
+    ]
     return "; ".join(said) + "; see spoofbench doctor" if said else "nothing to warn of"
 
 
@@ -212,7 +254,9 @@ def _motion(pvt: Table) -> Motion:
 
 
 def _speed(pvt: Table) -> NDArray[np.float64]:
-    """Return the speed over ground, ``(n,)`` m/s, from the velocity or else as the receiver says it."""
+    """Return the speed over ground, ``(n,)`` m/s, from the velocity or else as the receiver says
+    it.
+    """
     velocity = np.hypot(pvt["vel_n_mps"], pvt["vel_e_mps"])
     return np.where(np.isnan(velocity), pvt["speed_mps"], velocity)
 
@@ -224,7 +268,9 @@ def _distance(pvt: Table, moving: NDArray[np.bool_]) -> float | None:
     if not placed.any():
         return None
     height = np.where(np.isfinite(pvt["height_m"]), pvt["height_m"], 0.0)[placed]
-    places = np.stack(pymap3d.geodetic2ecef(pvt["lat_deg"][placed], pvt["lon_deg"][placed], height), axis=1)
+    places = np.stack(
+        pymap3d.geodetic2ecef(pvt["lat_deg"][placed], pvt["lon_deg"][placed], height), axis=1
+    )
     with np.errstate(over="ignore"):
         ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
         distance_m = float(ways[moving[placed][1:] | moving[placed][:-1]].sum())
@@ -247,8 +293,14 @@ def _topic_lines(topics: tuple[TopicSummary, ...]) -> list[str]:
     for name, topic in zip(names, topics, strict=True):
         rate = f"{topic.rate_hz:.2f}" if topic.rate_hz else ""
         gap = f"{topic.longest_gap_s:.3f}" if topic.longest_gap_s else ""
-        lines.append(f"  {name + (' *' if topic.primary else ''):<{width}}{topic.rows:>11,}{rate:>10}{topic.gaps:>7}{gap:>11}")
-    return [*lines, "  * primary source of its kind"] if any(topic.primary for topic in topics) else lines
+        lines.append(
+            f"  {name + (' *' if topic.primary else ''):<{width}}{topic.rows:>11,}{rate:>10}{topic.gaps:>7}{gap:>11}"
+        )
+    return (
+        [*lines, "  * primary source of its kind"]
+        if any(topic.primary for topic in topics)
+        else lines
+    )
 
 
 def _motion_text(motion: Motion) -> str:
@@ -256,15 +308,27 @@ def _motion_text(motion: Motion) -> str:
     if motion.distance_m is not None:
         parts.append(f"{motion.distance_m / 1000:.2f} km")
     if motion.top_speed_mps is not None and motion.stopped_share is not None:
-        parts.append(f"top speed {motion.top_speed_mps:.1f} m/s, stopped {100 * motion.stopped_share:.0f} % of the time")
+        parts.append(
+            f"top speed {motion.top_speed_mps:.1f} m/s, stopped {100 * motion.stopped_share:.0f} "
+            "% of the time"
+        )
     return ", ".join(parts) or "unknown"
 
 
 def _pair(name: str, value: str) -> str:
-    return textwrap.fill(printable(value), WIDTH, initial_indent=f"{printable(name) + '  ':<11}", subsequent_indent=" " * 11)
+    return textwrap.fill(
+        printable(value),
+        WIDTH,
+        initial_indent=f"{printable(name) + '  ':<11}",
+        subsequent_indent=" " * 11,
+    )
 
 
 def _minutes(duration_s: float) -> str:
     minutes, seconds = divmod(round(duration_s), 60)
     hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes:02d} min {seconds:02d} s" if hours else f"{minutes} min {seconds:02d} s"
+    return (
+        f"{hours} h {minutes:02d} min {seconds:02d} s"
+        if hours
+        else f"{minutes} min {seconds:02d} s"
+    )

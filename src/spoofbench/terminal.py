@@ -1,4 +1,6 @@
-"""Words of the command line to values, and values to what a terminal can show. Heavy imports wait until they are needed."""
+"""Words of the command line to values, and values to what a terminal can show. Heavy imports wait
+until they are needed.
+"""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -28,7 +30,8 @@ def read_texts(pairs: Iterable[str] | None) -> dict[str, str]:
 
 
 def read_values(pairs: Iterable[str] | None) -> Mapping[str, Any]:
-    """Return the values of ``KEY=VALUE`` words by key, each as TOML would read it, and as plain text where it is not TOML.
+    """Return the values of ``KEY=VALUE`` words by key, each as TOML would read it, and as plain
+    text where it is not TOML.
 
     Raises:
         typer.BadParameter: as :func:`read_texts`.
@@ -66,7 +69,9 @@ def complain(reason: str) -> None:
 
 @contextmanager
 def progress_bars() -> Iterator[Progress]:
-    """Yield a function that opens a progress bar by name and returns what moves it (0 to 1); bars show on a terminal only."""
+    """Yield a function that opens a progress bar by name and returns what moves it (0 to 1); bars
+    show on a terminal only.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

@@ -14,19 +14,34 @@ SCENARIO = Path(__file__).parents[2] / "src/spoofbench/integrity/scenarios/tanil
 
 
 def test_everything_is_written(tmp_path: Path) -> None:
-    text = SCENARIO.read_text().replace("warm_up_s = 3600.0", "warm_up_s = 60.0").replace("period_s = 140.0", "period_s = 20.0")
+    text = (
+        SCENARIO.read_text()
+        .replace("warm_up_s = 3600.0", "warm_up_s = 60.0")
+        .replace("period_s = 140.0", "period_s = 20.0")
+    )
     (tmp_path / "mine.toml").write_text(text)
     shares: list[float] = []
     summary = assess(tmp_path / "mine.toml", tmp_path / "out", shares.append)
     assert json.loads((tmp_path / "out/summary.json").read_text()) == summary
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
-    tables = {name: pq.read_table(tmp_path / "out" / f"{name}.parquet").to_pylist() for name in ("periods_and_rates", "tracking", "delays")}
-    own = next(row for row in tables["periods_and_rates"] if row["period_s"] == 20.0 and row["rate_hz"] == 2.0)
-    perfect = next(row for row in tables["tracking"] if row["period_s"] == 20.0 and row["sigma_mm"] == 0)
+    tables = {
+        name: pq.read_table(tmp_path / "out" / f"{name}.parquet").to_pylist()
+        for name in ("periods_and_rates", "tracking", "delays")
+    }
+    own = next(
+        row
+        for row in tables["periods_and_rates"]
+        if row["period_s"] == 20.0 and row["rate_hz"] == 2.0
+    )
+    perfect = next(
+        row for row in tables["tracking"] if row["period_s"] == 20.0 and row["sigma_mm"] == 0
+    )
     prompt = next(row for row in tables["delays"] if row["delay_s"] == 0 and row["sigma_mm"] == 0)
     for row in (own, perfect, prompt):
-        assert row["log10_integrity_risk"] == pytest.approx(summary["log10_integrity_risk"], rel=1e-9)
+        assert row["log10_integrity_risk"] == pytest.approx(
+            summary["log10_integrity_risk"], rel=1e-9
+        )
     for name in (*tables, "fault"):
         assert (tmp_path / "out" / f"{name}.png").stat().st_size > 5000
         assert (tmp_path / "out" / f"{name}.svg").exists()
@@ -35,7 +50,13 @@ def test_everything_is_written(tmp_path: Path) -> None:
 def made(folder: Path, **values: object) -> Path:
     """Return a scenario file with other values."""
     lines = SCENARIO.read_text().split("\n")
-    changed = [next((f"{name} = {value}" for name, value in values.items() if line.startswith(f"{name} =")), line) for line in lines]
+    changed = [
+        next(
+            (f"{name} = {value}" for name, value in values.items() if line.startswith(f"{name} =")),
+            line,
+        )
+        for line in lines
+    ]
     assert sum(old != new for old, new in zip(lines, changed, strict=True)) == len(values)
     (folder / "mine.toml").write_text("\n".join(changed))
     return folder / "mine.toml"
@@ -55,7 +76,9 @@ def test_the_least_gives_numbers(tmp_path: Path, values: dict[str, object]) -> N
     summary = assess(made(tmp_path, warm_up_s=60.0, **values), tmp_path / "out", lambda share: None)
     assert all(np.isfinite(value) for value in summary.values())
     for name in ("periods_and_rates", "tracking", "delays"):
-        assert np.isfinite(pq.read_table(tmp_path / "out" / f"{name}.parquet")["log10_integrity_risk"].to_numpy()).all()
+        assert np.isfinite(
+            pq.read_table(tmp_path / "out" / f"{name}.parquet")["log10_integrity_risk"].to_numpy()
+        ).all()
 
 
 def test_too_many_epochs(tmp_path: Path) -> None:
@@ -64,6 +87,11 @@ def test_too_many_epochs(tmp_path: Path) -> None:
 
 
 def test_any_name_can_be_drawn(tmp_path: Path) -> None:
-    table = {"scenario": ["$x^{$"], "period_s": [1.0], "rate_hz": [1.0], "log10_integrity_risk": [-3.0]}
+    table = {
+        "scenario": ["$x^{$"],
+        "period_s": [1.0],
+        "rate_hz": [1.0],
+        "log10_integrity_risk": [-3.0],
+    }
     draw_risk(tmp_path / "risk", table, ("period_s", "period, s"), ("rate_hz", "Hz"))
     assert (tmp_path / "risk.png").exists()

@@ -26,7 +26,13 @@ class Honest:
     def strength(self) -> float:
         return self.height_m
 
-    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
+    def apply(
+        self,
+        clean: Recording,
+        window: Interval,
+        rng: np.random.Generator,
+        donors: Sequence[Recording] = (),
+    ) -> Recording:
         tables: dict[str, Table | None] = {}
         for topic in clean.topics("gnss/pvt"):
             table = clean[topic]
@@ -53,21 +59,41 @@ class Remembers(Honest):
 
 
 class RaisesOneHeight(Honest):
-    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
+    def apply(
+        self,
+        clean: Recording,
+        window: Interval,
+        rng: np.random.Generator,
+        donors: Sequence[Recording] = (),
+    ) -> Recording:
         table = clean.primary("gnss/pvt")
         raised = table["height_m"] + 3.0 * window.covers(table.time_ns)
         return clean.replace({clean.topics("gnss/pvt")[0]: table.replace(height_m=raised)})
 
 
 class NeedsAFix(Honest):
-    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
-        if not clean.primary("gnss/pvt")["h_acc_m"][window.covers(clean.primary("gnss/pvt").time_ns)].any():
+    def apply(
+        self,
+        clean: Recording,
+        window: Interval,
+        rng: np.random.Generator,
+        donors: Sequence[Recording] = (),
+    ) -> Recording:
+        if not clean.primary("gnss/pvt")["h_acc_m"][
+            window.covers(clean.primary("gnss/pvt").time_ns)
+        ].any():
             raise ValueError("no accuracy")
         return super().apply(clean, window, rng, donors)
 
 
 class DoesNothing(Honest):
-    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
+    def apply(
+        self,
+        clean: Recording,
+        window: Interval,
+        rng: np.random.Generator,
+        donors: Sequence[Recording] = (),
+    ) -> Recording:
         return clean
 
 
@@ -76,7 +102,13 @@ class ModelsTheImu(Honest):
 
 
 class AltersTheRecording(Honest):
-    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
+    def apply(
+        self,
+        clean: Recording,
+        window: Interval,
+        rng: np.random.Generator,
+        donors: Sequence[Recording] = (),
+    ) -> Recording:
         variant = super().apply(clean, window, rng, donors)
         clean._tables.update({topic: variant[topic] for topic in variant})
         return variant
@@ -106,13 +138,17 @@ def test_an_honest_attack_passes(check: Any) -> None:
 
 @pytest.mark.parametrize("attack", BROKEN, ids=lambda attack: attack.__name__)
 def test_a_broken_law_is_named(attack: type[Honest]) -> None:
-    failed = {result.name: result.reason for result in run_attack_checks(attack()) if not result.passed}
+    failed = {
+        result.name: result.reason for result in run_attack_checks(attack()) if not result.passed
+    }
     assert BROKEN[attack] in failed
     assert failed[BROKEN[attack]]
 
 
 def test_every_check_is_run() -> None:
-    assert [result.name for result in run_attack_checks("drag-off")] == [law.__name__ for law in LAWS]
+    assert [result.name for result in run_attack_checks("drag-off")] == [
+        law.__name__ for law in LAWS
+    ]
 
 
 def test_an_unknown_attack_is_refused() -> None:

@@ -1,4 +1,6 @@
-"""Receivers that leave the course out when they are slow: an attacked row leaves it out by its new speed."""
+"""Receivers that leave the course out when they are slow: an attacked row leaves it out by its new
+speed.
+"""
 
 from functools import cache
 
@@ -13,7 +15,14 @@ from spoofbench.testing import drive
 
 PVT = "/gnss0/gnss/pvt"
 SLOWEST_MPS = 1.0
-MADE_UP: list[Attack] = [ZeroAcceleration(), ZeroAcceleration(0.5), DragOff(), DragOff(4.0), Extrapolate(), ExtrapolateSmooth()]
+MADE_UP: list[Attack] = [
+    ZeroAcceleration(),
+    ZeroAcceleration(0.5),
+    DragOff(),
+    DragOff(4.0),
+    Extrapolate(),
+    ExtrapolateSmooth(),
+]
 
 
 @cache
@@ -22,9 +31,13 @@ def _drive(velocity: bool) -> Recording:
     table = clean[PVT]
     north, east = table["vel_n_mps"], table["vel_e_mps"]
     speed = np.round(np.hypot(north, east), 2)
-    course = np.where(speed < SLOWEST_MPS, np.nan, np.round(np.degrees(np.arctan2(east, north)) % 360, 1) % 360)
+    course = np.where(
+        speed < SLOWEST_MPS, np.nan, np.round(np.degrees(np.arctan2(east, north)) % 360, 1) % 360
+    )
     table = table.replace(speed_mps=speed, course_deg=course)
-    return clean.replace({PVT: table if velocity else table.replace(vel_n_mps=None, vel_e_mps=None)})
+    return clean.replace(
+        {PVT: table if velocity else table.replace(vel_n_mps=None, vel_e_mps=None)}
+    )
 
 
 def _windows(clean: Recording) -> list[Interval]:
@@ -39,7 +52,10 @@ def test_rows_below_the_receivers_limit_alone_lack_a_course(attack: Attack, velo
     clean = _drive(velocity)
     blank_before = with_course_before = 0
     for window in _windows(clean):
-        before, after = (r[PVT].between(window.start_ns, window.end_ns) for r in (clean, falsify("any", attack, clean, window, 0)))
+        before, after = (
+            r[PVT].between(window.start_ns, window.end_ns)
+            for r in (clean, falsify("any", attack, clean, window, 0))
+        )
         known = after.valid("speed_mps")
         blank, speed = ~after.valid("course_deg")[known], after["speed_mps"][known]
         assert np.all(speed[blank] < SLOWEST_MPS + 0.05)
@@ -54,9 +70,13 @@ def test_a_few_exceptions_do_not_hide_the_limit() -> None:
     table = clean[PVT]
     odd = np.random.default_rng(0).random(len(table)) < 0.01
     course = np.where(odd, np.where(table.valid("course_deg"), np.nan, 10.0), table["course_deg"])
-    clean = clean.replace({PVT: table.replace(course_deg=np.where(table.valid("speed_mps"), course, np.nan))})
+    clean = clean.replace(
+        {PVT: table.replace(course_deg=np.where(table.valid("speed_mps"), course, np.nan))}
+    )
     for window in _windows(clean):
-        after = falsify("any", DragOff(4.0), clean, window, 0)[PVT].between(window.start_ns, window.end_ns)
+        after = falsify("any", DragOff(4.0), clean, window, 0)[PVT].between(
+            window.start_ns, window.end_ns
+        )
         fast = after["speed_mps"] > SLOWEST_MPS + 0.5
         assert after.valid("course_deg")[fast].all()
 
@@ -73,18 +93,34 @@ def test_courses_missing_for_other_reasons_stay_missing() -> None:
 
 
 def _creeping(course_at_first: bool) -> Recording:
-    """A car that goes north at 15 m/s, creeps at 0.5 m/s without a course from 30 to 90 s, and drives on; or creeps first."""
+    """A car that goes north at 15 m/s, creeps at 0.5 m/s without a course from 30 to 90 s, and
+    drives on; or creeps first.
+    """
     time_s = np.arange(120.0)
     slow = (time_s >= 30) & (time_s < 90) if course_at_first else time_s < 90
     speed = np.where(slow, 0.5, 15.0)
     lat = 47.0 + np.cumsum(speed) / 111_177
-    columns = {"lat_deg": lat, "lon_deg": np.full(120, 8.0), "height_m": np.zeros(120), "speed_mps": speed}
-    return Recording({PVT: Table("gnss/pvt", (time_s * 1e9).astype(np.int64), {**columns, "course_deg": np.where(slow, np.nan, 0.0)})})
+    columns = {
+        "lat_deg": lat,
+        "lon_deg": np.full(120, 8.0),
+        "height_m": np.zeros(120),
+        "speed_mps": speed,
+    }
+    return Recording(
+        {
+            PVT: Table(
+                "gnss/pvt",
+                (time_s * 1e9).astype(np.int64),
+                {**columns, "course_deg": np.where(slow, np.nan, 0.0)},
+            )
+        }
+    )
 
 
 @pytest.mark.parametrize("course_at_first", [True, False])
 @pytest.mark.parametrize(
-    ("direction_deg", "speed_mps", "course_deg"), [(0.0, 4.5, 0.0), (180.0, 3.5, 180.0), (90.0, np.hypot(4, 0.5), 83.0)]
+    ("direction_deg", "speed_mps", "course_deg"),
+    [(0.0, 4.5, 0.0), (180.0, 3.5, 180.0), (90.0, np.hypot(4, 0.5), 83.0)],
 )
 def test_speed_moves_with_the_position_where_the_course_is_blank(
     course_at_first: bool, direction_deg: float, speed_mps: float, course_deg: float

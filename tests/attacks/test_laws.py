@@ -41,31 +41,57 @@ def _drive(seed: int = 7) -> Recording:
 
 @st.composite
 def recordings(draw: st.DrawFn) -> Recording:
-    """A drive with rows missing, fields missing, fixes missing, doubled stamps and other heights, as logs have them."""
+    """A drive with rows missing, fields missing, fixes missing, doubled stamps and other heights,
+    as logs have them.
+    """
     recording = _drive(draw(st.integers(0, 2)))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     lost, blank = draw(st.sampled_from([0.0, 0.1, 0.5])), draw(st.sampled_from([0.0, 0.2]))
-    dropped = draw(st.sets(st.sampled_from(["lat_deg", "height_m", "vel_n_mps", "vel_d_mps", "h_acc_m", "gps_week"])))
+    dropped = draw(
+        st.sets(
+            st.sampled_from(
+                ["lat_deg", "height_m", "vel_n_mps", "vel_d_mps", "h_acc_m", "gps_week"]
+            )
+        )
+    )
     doubled = draw(st.booleans())
     for topic in recording.topics("gnss/pvt"):
         table = recording[topic]
         speed = np.round(np.hypot(table["vel_n_mps"], table["vel_e_mps"]), 2)
-        course = np.round(np.degrees(np.arctan2(table["vel_e_mps"], table["vel_n_mps"])) % 360, 1) % 360
+        course = (
+            np.round(np.degrees(np.arctan2(table["vel_e_mps"], table["vel_n_mps"])) % 360, 1) % 360
+        )
         heights = {"height_msl_m": np.round(table["height_m"] - 40, 3)}
         received = table.time_ns + rng.integers(0, 10**8, len(table))
-        table = table.replace(speed_mps=speed, course_deg=course, receive_time_ns=received, **heights)
+        table = table.replace(
+            speed_mps=speed, course_deg=course, receive_time_ns=received, **heights
+        )
         gone = rng.random(len(table)) < blank
-        table = table.replace(**{name: np.where(gone, np.nan, table[name]) for name in ("lat_deg", "lon_deg", "vel_e_mps")})
+        table = table.replace(
+            **{
+                name: np.where(gone, np.nan, table[name])
+                for name in ("lat_deg", "lon_deg", "vel_e_mps")
+            }
+        )
         table = table.replace(**dict.fromkeys(dropped)).take(rng.random(len(table)) >= lost)
         if doubled:
             table = table.take(np.repeat(np.arange(len(table)), 2))
         counts = Column(rng.integers(4, 12, len(table)), rng.random(len(table)) > blank)
-        recording = recording.replace({topic: table.replace(num_sv=counts, pdop=rng.uniform(1, 2, len(table)))})
+        recording = recording.replace(
+            {topic: table.replace(num_sv=counts, pdop=rng.uniform(1, 2, len(table)))}
+        )
     return recording
 
 
-@given(clean=recordings(), name=st.sampled_from(sorted(ATTACKS)), seed=st.integers(0, 50), duration_s=st.sampled_from([5.0, 30.0]))
-def test_the_laws_hold_on_any_recording(clean: Recording, name: str, seed: int, duration_s: float) -> None:
+@given(
+    clean=recordings(),
+    name=st.sampled_from(sorted(ATTACKS)),
+    seed=st.integers(0, 50),
+    duration_s=st.sampled_from([5.0, 30.0]),
+)
+def test_the_laws_hold_on_any_recording(
+    clean: Recording, name: str, seed: int, duration_s: float
+) -> None:
     attack = ATTACKS[name]
     try:
         window = draw_window(0, "any", seed, supply_of(attack, clean), duration_s)
@@ -95,7 +121,9 @@ def test_the_laws_hold_on_any_recording(clean: Recording, name: str, seed: int, 
 
 
 def _changed(clean: Table, attacked: Table) -> list[int]:
-    """Times of rows that were changed or deleted, found without the code under test: rows are compared as texts."""
+    """Times of rows that were changed or deleted, found without the code under test: rows are
+    compared as texts.
+    """
 
     def texts(table: Table) -> dict[tuple[int, int], str]:
         names = sorted(name for name in clean)
@@ -108,7 +136,9 @@ def _changed(clean: Table, attacked: Table) -> list[int]:
 
     was, now = texts(clean), texts(attacked)
     assert set(now) <= set(was)
-    return sorted(time_ns for time_ns, count in was if now.get((time_ns, count)) != was[time_ns, count])
+    return sorted(
+        time_ns for time_ns, count in was if now.get((time_ns, count)) != was[time_ns, count]
+    )
 
 
 @given(clean=recordings(), name=st.sampled_from(sorted(ATTACKS)), seed=st.integers(0, 20))
@@ -121,9 +151,9 @@ def test_claimed_times_and_stamps_stay(clean: Recording, name: str, seed: int) -
     for topic in clean.topics("gnss/pvt"):
         was, now = clean[topic], variant[topic]
         if len(was) != len(now):
-            assert set(zip(now.time_ns.tolist(), now["receive_time_ns"].tolist(), strict=True)) <= set(
-                zip(was.time_ns.tolist(), was["receive_time_ns"].tolist(), strict=True)
-            )
+            assert set(
+                zip(now.time_ns.tolist(), now["receive_time_ns"].tolist(), strict=True)
+            ) <= set(zip(was.time_ns.tolist(), was["receive_time_ns"].tolist(), strict=True))
             continue
         assert np.array_equal(was.time_ns, now.time_ns)
         for field in ("receive_time_ns", "gps_week", "tow_s", "time_valid"):
@@ -131,7 +161,15 @@ def test_claimed_times_and_stamps_stay(clean: Recording, name: str, seed: int) -
 
 
 @pytest.mark.parametrize(
-    "attack", [Replay(delay_s=0.0), RepeatBack(delay_s=0.0), Meacon(strength=0), Extrapolate(0.0), ZeroAcceleration(0.0), DragOff(0.0)]
+    "attack",
+    [
+        Replay(delay_s=0.0),
+        RepeatBack(delay_s=0.0),
+        Meacon(strength=0),
+        Extrapolate(0.0),
+        ZeroAcceleration(0.0),
+        DragOff(0.0),
+    ],
 )
 def test_strength_0_gives_the_clean_recording(attack: Attack) -> None:
     clean = _drive()
@@ -149,7 +187,9 @@ def test_strength_grows_the_change() -> None:
 
 
 def _window(clean: Recording, start_s: float = 60.0, end_s: float = 90.0) -> Interval:
-    return Interval(clean.span.start_ns + int(start_s * 1e9), clean.span.start_ns + int(end_s * 1e9))
+    return Interval(
+        clean.span.start_ns + int(start_s * 1e9), clean.span.start_ns + int(end_s * 1e9)
+    )
 
 
 @dataclass(frozen=True)
@@ -163,11 +203,19 @@ class Stranger:
     strength: ClassVar[float] = 1.0
     strength_unit: ClassVar[str] = "1"
 
-    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Any:
+    def apply(
+        self,
+        clean: Recording,
+        window: Interval,
+        rng: np.random.Generator,
+        donors: Sequence[Recording] = (),
+    ) -> Any:
         return {**BROKEN, **LAWFUL, **FAILING}[str(self.does)](clean, window)
 
 
-def _with(name: str, values: Callable[[Table, Any], Any]) -> Callable[[Recording, Interval], Recording]:
+def _with(
+    name: str, values: Callable[[Table, Any], Any]
+) -> Callable[[Recording, Interval], Recording]:
     def change(clean: Recording, window: Interval) -> Recording:
         table = clean[PVT]
         inside = window.covers(table.time_ns)
@@ -177,13 +225,17 @@ def _with(name: str, values: Callable[[Table, Any], Any]) -> Callable[[Recording
 
 
 def _late(clean: Recording, window: Interval) -> Recording:
-    return _with("height_m", lambda table, inside: table["height_m"] + (table.time_ns >= window.start_ns))(clean, window)
+    return _with(
+        "height_m", lambda table, inside: table["height_m"] + (table.time_ns >= window.start_ns)
+    )(clean, window)
 
 
 def _moved_stamps(clean: Recording, window: Interval) -> Recording:
     table = clean[PVT]
     moved = table.time_ns + window.covers(table.time_ns)
-    return clean.replace({PVT: Table("gnss/pvt", moved, {name: table.column(name) for name in table})})
+    return clean.replace(
+        {PVT: Table("gnss/pvt", moved, {name: table.column(name) for name in table})}
+    )
 
 
 def _shaken(clean: Recording, window: Interval) -> Recording:
@@ -198,26 +250,50 @@ BROKEN: dict[str, Callable[[Recording, Interval], Any]] = {
     "the topics are the victim's": lambda clean, _: clean.replace({"/gnss7/gnss/pvt": clean[PVT]}),
     "the metadata stay": lambda clean, _: clean.with_metadata({"recording": {"clock": "gnss"}}),
     "a topic keeps its kind": lambda clean, _: clean.replace({PVT: clean["/gnss0/gnss/clock"]}),
-    "the victim's claimed times stay": _with("tow_s", lambda table, inside: table["tow_s"] + inside),
-    "the victim reports the fields that it always reports": _with("pdop", lambda table, inside: np.where(inside, 1.0, np.nan)),
-    "speed and course belong to velocity": _with("vel_n_mps", lambda table, inside: table["vel_n_mps"] + 5.0 * inside),
-    "both heights belong together": _with("height_m", lambda table, inside: table["height_m"] + 5.0 * inside),
+    "the victim's claimed times stay": _with(
+        "tow_s", lambda table, inside: table["tow_s"] + inside
+    ),
+    "the victim reports the fields that it always reports": _with(
+        "pdop", lambda table, inside: np.where(inside, 1.0, np.nan)
+    ),
+    "speed and course belong to velocity": _with(
+        "vel_n_mps", lambda table, inside: table["vel_n_mps"] + 5.0 * inside
+    ),
+    "both heights belong together": _with(
+        "height_m", lambda table, inside: table["height_m"] + 5.0 * inside
+    ),
 }
 LAWFUL: dict[str, Callable[[Recording, Interval], Any]] = {
     "raise": _with("height_m", lambda table, inside: table["height_m"] + np.pi * inside),
-    "turn": _with("course_deg", lambda table, inside: np.where(inside, 359.97, table["course_deg"])),
+    "turn": _with(
+        "course_deg", lambda table, inside: np.where(inside, 359.97, table["course_deg"])
+    ),
     "nothing": lambda clean, _: clean,
-    "less than the resolution": _with("height_m", lambda table, inside: table["height_m"] + 1e-9 * inside),
+    "less than the resolution": _with(
+        "height_m", lambda table, inside: table["height_m"] + 1e-9 * inside
+    ),
 }
-FAILING: dict[str, Callable[[Recording, Interval], Any]] = {"ZeroDivisionError": lambda clean, _: 1 / 0, "NoneType": lambda clean, _: None}
+FAILING: dict[str, Callable[[Recording, Interval], Any]] = {
+    "ZeroDivisionError": lambda clean, _: 1 / 0,
+    "NoneType": lambda clean, _: None,
+}
 
 
 @pytest.mark.parametrize("law", BROKEN)
 def test_a_broken_law_is_named(law: str) -> None:
     clean = _drive()
     table = clean[PVT]
-    speed, course = np.hypot(table["vel_n_mps"], table["vel_e_mps"]), np.degrees(np.arctan2(table["vel_e_mps"], table["vel_n_mps"]))
-    clean = clean.replace({PVT: table.replace(speed_mps=speed, course_deg=course % 360, height_msl_m=table["height_m"] - 40)})
+    speed, course = (
+        np.hypot(table["vel_n_mps"], table["vel_e_mps"]),
+        np.degrees(np.arctan2(table["vel_e_mps"], table["vel_n_mps"])),
+    )
+    clean = clean.replace(
+        {
+            PVT: table.replace(
+                speed_mps=speed, course_deg=course % 360, height_msl_m=table["height_m"] - 40
+            )
+        }
+    )
     with pytest.raises(PluginError, match=law):
         falsify("stranger", Stranger(law), clean, _window(clean), 0)
 
@@ -227,14 +303,27 @@ def test_what_is_lawful_is_rounded_and_noted() -> None:
     table = falsify("stranger", Stranger("raise"), clean, window, 3)[PVT]
     inside = window.covers(table.time_ns)
     assert np.array_equal(table["height_m"], np.round(table["height_m"], 3), equal_nan=True)
-    assert np.allclose((table["height_m"] - clean[PVT]["height_m"])[inside], np.pi, atol=6e-4, equal_nan=True)
+    assert np.allclose(
+        (table["height_m"] - clean[PVT]["height_m"])[inside], np.pi, atol=6e-4, equal_nan=True
+    )
 
 
 def test_a_course_is_rounded_round() -> None:
     clean = _drive()
     table = clean[PVT]
-    clean = clean.replace({PVT: Table("gnss/pvt", table.time_ns, {"course_deg": np.round(np.arange(len(table)) % 360 + 0.1, 1)})})
-    variant, window = falsify("stranger", Stranger("turn"), clean, _window(clean), 0), _window(clean)
+    clean = clean.replace(
+        {
+            PVT: Table(
+                "gnss/pvt",
+                table.time_ns,
+                {"course_deg": np.round(np.arange(len(table)) % 360 + 0.1, 1)},
+            )
+        }
+    )
+    variant, window = (
+        falsify("stranger", Stranger("turn"), clean, _window(clean), 0),
+        _window(clean),
+    )
     assert np.all(variant[PVT].between(window.start_ns, window.end_ns)["course_deg"] == 0)
 
 
@@ -267,19 +356,40 @@ def test_a_parameter_that_json_cannot_hold_is_refused() -> None:
 def test_the_truth_row_says_how_the_variant_was_made() -> None:
     clean = _drive()
     truth = falsify("drag-off", DragOff(rate_mps=0.5), clean, _window(clean), 42)[TRUTH_TOPIC]
-    words = {name: truth.words(name)[0] for name in ("attack", "class", "strength_unit", "level", "parameters")}
+    words = {
+        name: truth.words(name)[0]
+        for name in ("attack", "class", "strength_unit", "level", "parameters")
+    }
     parameters = '{"direction_deg":null,"ramp_s":10.0,"rate_mps":0.5,"vertical_share":0.0}'
-    assert words == {"attack": "drag-off", "class": "generated", "strength_unit": "m/s", "level": "pvt", "parameters": parameters}
-    assert (truth["strength"][0], truth["seed"][0], truth.time_ns[0]) == (0.5, 42, truth["start_ns"][0])
+    assert words == {
+        "attack": "drag-off",
+        "class": "generated",
+        "strength_unit": "m/s",
+        "level": "pvt",
+        "parameters": parameters,
+    }
+    assert (truth["strength"][0], truth["seed"][0], truth.time_ns[0]) == (
+        0.5,
+        42,
+        truth["start_ns"][0],
+    )
 
 
 def test_seeds_and_parameters_draw_anew() -> None:
     clean = _drive()
-    variants = [falsify("drag-off", DragOff(rate), clean, _window(clean), seed) for rate, seed in ((1.0, 0), (1.0, 1), (2.0, 0))]
+    variants = [
+        falsify("drag-off", DragOff(rate), clean, _window(clean), seed)
+        for rate, seed in ((1.0, 0), (1.0, 1), (2.0, 0))
+    ]
     assert len({variant.digest() for variant in variants}) == 3
 
 
-@given(suite_seed=st.integers(0, 2**63), seed=st.integers(0, 1000), room_s=st.floats(0, 1e5), duration_s=st.floats(1, 1e4))
+@given(
+    suite_seed=st.integers(0, 2**63),
+    seed=st.integers(0, 1000),
+    room_s=st.floats(0, 1e5),
+    duration_s=st.floats(1, 1e4),
+)
 def test_windows_lie_within(suite_seed: int, seed: int, room_s: float, duration_s: float) -> None:
     within = Interval(10**18, 10**18 + round(duration_s * 1e9) + round(room_s * 1e9))
     window = draw_window(suite_seed, "drive", seed, within, duration_s)
@@ -289,14 +399,23 @@ def test_windows_lie_within(suite_seed: int, seed: int, room_s: float, duration_
 
 def test_windows_are_drawn_the_same_everywhere_and_evenly() -> None:
     within = Interval(0, 1_000_000_000_000)
-    assert draw_window(1, "drive", 0, within, 100.0).start_ns == 208_573_168_937  # SHA-256 of [1,"drive",0] modulo 900 s and 1 ns
-    starts = np.array([draw_window(0, "drive", seed, within, 100.0).start_ns for seed in range(500)]) / 900e9
-    assert np.abs(np.sort(starts) - (np.arange(500) + 0.5) / 500).max() < 1.63 / np.sqrt(500)  # Kolmogorov, 1 %
+    assert (
+        draw_window(1, "drive", 0, within, 100.0).start_ns == 208_573_168_937
+    )  # SHA-256 of [1,"drive",0] modulo 900 s and 1 ns
+    starts = (
+        np.array([draw_window(0, "drive", seed, within, 100.0).start_ns for seed in range(500)])
+        / 900e9
+    )
+    assert np.abs(np.sort(starts) - (np.arange(500) + 0.5) / 500).max() < 1.63 / np.sqrt(
+        500
+    )  # Kolmogorov, 1 %
     with pytest.raises(NotApplicable, match="does not fit"):
         draw_window(0, "drive", 0, within, 1001.0)
 
 
 def test_every_attack_of_the_distribution_is_here() -> None:
     assert {name: type(attack) for name, attack in ATTACKS.items()} == {
-        name: plugin.load() for name, plugin in plugins.found(plugins.ATTACKS).items() if plugin.distribution == "spoofbench"
+        name: plugin.load()
+        for name, plugin in plugins.found(plugins.ATTACKS).items()
+        if plugin.distribution == "spoofbench"
     }

@@ -5,7 +5,14 @@ import pymap3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spoofbench.attacks.motion import Motion, epochs_s, interval_s, metres_per_unit, motion_of, with_motion
+from spoofbench.attacks.motion import (
+    Motion,
+    epochs_s,
+    interval_s,
+    metres_per_unit,
+    motion_of,
+    with_motion,
+)
 from spoofbench.recording import Table
 from spoofbench.testing import drive
 
@@ -24,7 +31,9 @@ def test_metres_are_those_of_the_ellipsoid(north: float, east: float, up: float)
     table = _pvt()
     motion = motion_of(table)
     scale = metres_per_unit(motion.position)
-    moved = with_motion(table, Motion(motion.position + np.array([north, east, -up]) / scale, motion.rate))
+    moved = with_motion(
+        table, Motion(motion.position + np.array([north, east, -up]) / scale, motion.rate)
+    )
     before, after = ((t["lat_deg"], t["lon_deg"], t["height_m"]) for t in (table, moved))
     ned = np.column_stack(pymap3d.geodetic2ned(*after, *before))
     # the tangent plane leaves the ellipsoid by d^2 / 2R and its north turns with longitude
@@ -37,7 +46,9 @@ def test_position_and_rate_agree_on_a_true_drive() -> None:
     table = drive(1, 120.0, 10.0, flaws=False)["/gnss0/gnss/pvt"]
     motion, epoch = motion_of(table), epochs_s(table)
     n = epoch.size
-    travelled = (motion.rate[1:] + motion.rate[:-1]).sum(axis=0) / 2 * (epoch[-1] - epoch[0]) / (n - 1)
+    travelled = (
+        (motion.rate[1:] + motion.rate[:-1]).sum(axis=0) / 2 * (epoch[-1] - epoch[0]) / (n - 1)
+    )
     scale = metres_per_unit(motion.position)[0]
     error = (motion.position[-1] - motion.position[0] - travelled) * scale
     length = np.abs((motion.position[-1] - motion.position[0]) * scale).sum()
@@ -48,7 +59,9 @@ def test_speed_and_course_stand_in_for_velocity() -> None:
     table = _pvt()
     north, east = table["vel_n_mps"], table["vel_e_mps"]
     course = np.degrees(np.arctan2(east, north)) % 360
-    level = table.replace(speed_mps=np.hypot(north, east), course_deg=course, vel_n_mps=None, vel_e_mps=None)
+    level = table.replace(
+        speed_mps=np.hypot(north, east), course_deg=course, vel_n_mps=None, vel_e_mps=None
+    )
     assert np.allclose(motion_of(level).rate, motion_of(table).rate, rtol=1e-12, atol=1e-15)
     motion = motion_of(level)
     turned = with_motion(level, Motion(motion.position, motion.rate * [-1, -1, 1]))
@@ -62,7 +75,10 @@ def test_a_receiver_without_course_stands_still_or_holds_it() -> None:
     table = Table(
         "gnss/pvt",
         n * 10**9,
-        {"speed_mps": np.array([0, 2.0, 2.0, 2.0, 0]), "course_deg": np.array([np.nan, np.nan, 90.0, np.nan, np.nan])},
+        {
+            "speed_mps": np.array([0, 2.0, 2.0, 2.0, 0]),
+            "course_deg": np.array([np.nan, np.nan, 90.0, np.nan, np.nan]),
+        },
     )
     rate = motion_of(table).rate[:, :2] * metres_per_unit(motion_of(table).position)[:, :2]
     assert np.allclose(rate, [[0, 0], [0, 2], [0, 2], [0, 2], [0, 0]])
@@ -80,21 +96,33 @@ def test_heights_move_together_and_velocity_fields_agree() -> None:
     )
     motion = motion_of(table)
     moved = with_motion(
-        table, Motion(motion.position + np.array([0, 0, 3.0]), motion.rate + np.array([2.0, -1.0, 0.5]) / metres_per_unit(motion.position))
+        table,
+        Motion(
+            motion.position + np.array([0, 0, 3.0]),
+            motion.rate + np.array([2.0, -1.0, 0.5]) / metres_per_unit(motion.position),
+        ),
     )
     assert np.allclose(moved["height_msl_m"], moved["height_m"] - 47.0)
     assert np.allclose(moved["height_m"] - table["height_m"], 3.0)
     assert np.allclose(moved["speed_mps"], np.hypot(moved["vel_n_mps"], moved["vel_e_mps"]))
-    assert np.allclose(moved["speed_mps"] * np.sin(np.radians(moved["course_deg"])), moved["vel_e_mps"], atol=1e-9)
+    assert np.allclose(
+        moved["speed_mps"] * np.sin(np.radians(moved["course_deg"])), moved["vel_e_mps"], atol=1e-9
+    )
 
 
 def test_longitude_goes_round() -> None:
     n = 40
     longitude = (179.99 + 0.001 * np.arange(n) + 180) % 360 - 180
-    table = Table("gnss/pvt", np.arange(n) * 10**9, {"lat_deg": np.full(n, 10.0), "lon_deg": longitude, "height_m": np.zeros(n)})
+    table = Table(
+        "gnss/pvt",
+        np.arange(n) * 10**9,
+        {"lat_deg": np.full(n, 10.0), "lon_deg": longitude, "height_m": np.zeros(n)},
+    )
     motion = motion_of(table)
     assert np.allclose(np.diff(motion.position[:, 1]), np.radians(0.001))
-    moved = with_motion(table, Motion(motion.position + np.array([0, np.radians(0.005), 0]), motion.rate))
+    moved = with_motion(
+        table, Motion(motion.position + np.array([0, np.radians(0.005), 0]), motion.rate)
+    )
     assert np.all(np.abs(moved["lon_deg"]) <= 180)
     assert np.allclose((moved["lon_deg"] - longitude) % 360, 0.005)
 

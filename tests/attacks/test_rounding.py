@@ -1,4 +1,6 @@
-"""A column's resolution: what the receiver wrote stays, what it could not have written is moved to what it could."""
+"""A column's resolution: what the receiver wrote stays, what it could not have written is moved to
+what it could.
+"""
 
 import numpy as np
 import pytest
@@ -16,7 +18,10 @@ WRITINGS: dict[str, tuple[Writing, float]] = {
     "singles": (lambda x: x.astype(np.float32).astype(np.float64), 1e-5),
     "singles of decimals": (lambda x: np.round(x, 2).astype(np.float32).astype(np.float64), 1e-2),
     "arc minutes": (lambda x: np.round(x * 60, 5) / 60, 1e-5 / 60),
-    "degrees and arc minutes": (lambda x: np.trunc(x) + np.round((x - np.trunc(x)) * 60, 5) / 60, 1e-5 / 60),
+    "degrees and arc minutes": (
+        lambda x: np.trunc(x) + np.round((x - np.trunc(x)) * 60, 5) / 60,
+        1e-5 / 60,
+    ),
     "knots": (lambda x: np.round(x * 3600 / 1852, 2) * (1852 / 3600), 0.01 * 1852 / 3600),
     "sums of decimals": (lambda x: np.round(x - 47.3, 1) + 47.3, 0.1),
 }
@@ -27,7 +32,11 @@ def _numbers(seed: int, scale: float = 90.0, n: int = 500) -> Floats:
 
 
 def _dust(name: str) -> float:
-    return 16 * float(np.spacing(90.0)) if name in ("sums of decimals", "degrees and arc minutes", "knots") else 0.0
+    return (
+        16 * float(np.spacing(90.0))
+        if name in ("sums of decimals", "degrees and arc minutes", "knots")
+        else 0.0
+    )
 
 
 @pytest.mark.parametrize("name", WRITINGS)
@@ -80,11 +89,26 @@ def test_a_single_precision_column_is_known() -> None:
 
 def test_fields_that_are_written_alike_help_one_another() -> None:
     n = np.arange(50)
-    table = Table("gnss/pvt", n, {"vel_n_mps": np.round(np.sin(n), 3), "vel_e_mps": np.round(np.cos(n), 3), "vel_d_mps": np.zeros(50)})
+    table = Table(
+        "gnss/pvt",
+        n,
+        {
+            "vel_n_mps": np.round(np.sin(n), 3),
+            "vel_e_mps": np.round(np.cos(n), 3),
+            "vel_d_mps": np.zeros(50),
+        },
+    )
     down = resolutions(table, ["vel_d_mps"])["vel_d_mps"]
     assert down.represent(np.array([0.1234]), np.zeros(1))[0] == 0.123
 
 
 def test_a_field_that_never_changes_is_written_as_its_fellows() -> None:
-    table = Table("gnss/pvt", np.arange(50), {"lat_deg": _numbers(0, n=50), "lon_deg": np.full(50, 8.0)})
-    assert resolutions(table, ["lon_deg"])["lon_deg"].represent(np.array([8.1234567890123]), np.array([8.0]))[0] == 8.1234567890123
+    table = Table(
+        "gnss/pvt", np.arange(50), {"lat_deg": _numbers(0, n=50), "lon_deg": np.full(50, 8.0)}
+    )
+    assert (
+        resolutions(table, ["lon_deg"])["lon_deg"].represent(
+            np.array([8.1234567890123]), np.array([8.0])
+        )[0]
+        == 8.1234567890123
+    )

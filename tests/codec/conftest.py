@@ -39,9 +39,15 @@ def _tables(draw: st.DrawFn, kind: str | None = None) -> Table:
         if presence == "absent":
             continue
         values = draw(_values(field, rows))
-        valid = np.full(rows, presence == "present") if presence != "mixed" else draw(hnp.arrays(bool, rows))
+        valid = (
+            np.full(rows, presence == "present")
+            if presence != "mixed"
+            else draw(hnp.arrays(bool, rows))
+        )
         if field.category in ("text", "bytes"):
-            columns[field.name] = [value if is_valid else None for value, is_valid in zip(values, valid, strict=True)]
+            columns[field.name] = [
+                value if is_valid else None for value, is_valid in zip(values, valid, strict=True)
+            ]
         else:
             columns[field.name] = Column(values, valid)
     return Table(name, times, columns)
@@ -56,7 +62,9 @@ def tables() -> Callable[..., st.SearchStrategy[Table]]:
 @pytest.fixture(scope="session")
 def any_topic() -> Callable[[Table], str]:
     """A topic that fits a table."""
-    return lambda table: topic_of("" if table.kind.name in ("reference/pva", "truth/attack") else "unit0", table.kind.name)
+    return lambda table: topic_of(
+        "" if table.kind.name in ("reference/pva", "truth/attack") else "unit0", table.kind.name
+    )
 
 
 def _officially_read(path: Path, topic: str, kind: str | None = None) -> Table:
@@ -77,10 +85,14 @@ def _officially_read(path: Path, topic: str, kind: str | None = None) -> Table:
         if field.category in ("text", "bytes"):
             columns[name] = rows[name]
         elif field.category == "float":
-            columns[name] = np.array([np.nan if value is None else value for value in rows[name]], field.dtype)
+            columns[name] = np.array(
+                [np.nan if value is None else value for value in rows[name]], field.dtype
+            )
         else:
             valid = np.array([value is not None for value in rows[name]], bool)
-            columns[name] = Column(np.array([value or 0 for value in rows[name]], field.dtype), valid)
+            columns[name] = Column(
+                np.array([value or 0 for value in rows[name]], field.dtype), valid
+            )
     return Table(kind or split_topic(topic)[1], np.array(times, np.int64), columns)
 
 
@@ -92,28 +104,59 @@ def officially_read() -> Callable[..., Table]:
 
 @pytest.fixture(scope="session")
 def drive() -> Callable[[int], Any]:
-    """A synthetic drive of so many seconds: IMU 100 Hz with gaps in a field, PVT 1 Hz, signals with texts."""
+    """A synthetic drive of so many seconds: IMU 100 Hz with gaps in a field, PVT 1 Hz, signals with
+    texts.
+    """
     from spoofbench.recording import Recording
 
     def make(seconds: int) -> Recording:
         rng = np.random.default_rng(7)
         rows, start = 100 * seconds, 1_700_000_000_000_000_000
         time = start + 10_000_000 * np.arange(rows)
-        axes = [f"{quantity}_{axis}_{unit}" for quantity, unit in (("accel", "mps2"), ("gyro", "radps")) for axis in "xyz"]
+        axes = [
+            f"{quantity}_{axis}_{unit}"
+            for quantity, unit in (("accel", "mps2"), ("gyro", "radps"))
+            for axis in "xyz"
+        ]
         warmth = np.where(np.arange(rows) % 50 < 10, np.nan, 30.0)
         imu = Table(
-            "imu", time, {**{axis: rng.normal(size=rows) for axis in axes}, "temperature_degc": warmth, "interval_s": np.zeros(rows)}
+            "imu",
+            time,
+            {
+                **{axis: rng.normal(size=rows) for axis in axes},
+                "temperature_degc": warmth,
+                "interval_s": np.zeros(rows),
+            },
         )
-        position = {"lat_deg": 45 + rng.normal(size=seconds), "lon_deg": 7 + rng.normal(size=seconds), "height_m": np.full(seconds, 300.0)}
-        covariance = {f"cov_{pair}_m2": rng.normal(size=seconds) for pair in ("nn", "ne", "nd", "ee", "ed", "dd")}
-        pvt = Table("gnss/pvt", time[::100], {**position, **covariance, "fix_type": np.arange(seconds) % 4})
+        position = {
+            "lat_deg": 45 + rng.normal(size=seconds),
+            "lon_deg": 7 + rng.normal(size=seconds),
+            "height_m": np.full(seconds, 300.0),
+        }
+        covariance = {
+            f"cov_{pair}_m2": rng.normal(size=seconds)
+            for pair in ("nn", "ne", "nd", "ee", "ed", "dd")
+        }
+        pvt = Table(
+            "gnss/pvt", time[::100], {**position, **covariance, "fix_type": np.arange(seconds) % 4}
+        )
         names = ["1C", "5Q", None, "2X"]
         signal = Table(
             "gnss/signal",
             np.repeat(time[::100], 4),
-            {"signal": names * seconds, "cn0_dbhz": rng.normal(size=4 * seconds), "used": rng.random(4 * seconds) < 0.5},
+            {
+                "signal": names * seconds,
+                "cn0_dbhz": rng.normal(size=4 * seconds),
+                "used": rng.random(4 * seconds) < 0.5,
+            },
         )
-        metadata = {"recording": {"clock": "recorder"}, "primary": {"imu": "imu0"}, "source/imu0": {"axes": "fr\u00e9\u00e9"}}
-        return Recording({"/imu0/imu": imu, "/gnss0/gnss/pvt": pvt, "/gnss0/gnss/signal": signal}, metadata)
+        metadata = {
+            "recording": {"clock": "recorder"},
+            "primary": {"imu": "imu0"},
+            "source/imu0": {"axes": "fr\u00e9\u00e9"},
+        }
+        return Recording(
+            {"/imu0/imu": imu, "/gnss0/gnss/pvt": pvt, "/gnss0/gnss/signal": signal}, metadata
+        )
 
     return make

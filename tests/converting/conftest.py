@@ -45,7 +45,12 @@ def install(monkeypatch: pytest.MonkeyPatch) -> Install:
     found: dict[str, FakePlugin] = {}
     monkeypatch.setattr(plugins, "found", lambda group: found)
 
-    def add(name: str, items: Any, sniff: float | Exception | Callable[[Source], float] = 1.0, unit: str = "records") -> None:
+    def add(
+        name: str,
+        items: Any,
+        sniff: float | Exception | Callable[[Source], float] = 1.0,
+        unit: str = "records",
+    ) -> None:
         def convert(source: Source, options: Any) -> Iterator[Item]:
             yield from (items(source, options) if callable(items) else items)
 
@@ -54,6 +59,9 @@ def install(monkeypatch: pytest.MonkeyPatch) -> Install:
                 raise sniff
             return sniff(source) if callable(sniff) else sniff
 
-        found[name] = FakePlugin(name, SimpleNamespace(VERSION="7", UNIT=unit, Options=Options, sniff=judge, convert=convert))
+        found[name] = FakePlugin(
+            name,
+            SimpleNamespace(VERSION="7", UNIT=unit, Options=Options, sniff=judge, convert=convert),
+        )
 
     return add

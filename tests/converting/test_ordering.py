@@ -18,9 +18,14 @@ def run(times: list[int], cuts: list[int]) -> tuple[list[tuple[int, int]], list[
     ready, refused = [], []
     columns = {"time_ns": np.array(times, np.int64), "place": np.arange(len(times))}
     bounds = sorted({0, len(times), *(cut for cut in cuts if cut <= len(times))})
-    outcomes = [order.push({name: values[a:b] for name, values in columns.items()}) for a, b in pairwise(bounds)]
+    outcomes = [
+        order.push({name: values[a:b] for name, values in columns.items()})
+        for a, b in pairwise(bounds)
+    ]
     for good, bad in [*outcomes, order.flush()]:
-        ready += list(zip(good["time_ns"].tolist(), good["place"].tolist(), strict=True)) if good else []
+        ready += (
+            list(zip(good["time_ns"].tolist(), good["place"].tolist(), strict=True)) if good else []
+        )
         refused += bad["place"].tolist() if bad else []
     return ready, refused
 

@@ -1,4 +1,6 @@
-"""Which logs there are, and where their recordings go: never two to one place, never outside the output folder."""
+"""Which logs there are, and where their recordings go: never two to one place, never outside the
+output folder.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,11 @@ from spoofbench.errors import ConversionError
 
 @pytest.fixture
 def converters(install: Any) -> None:
-    install("whole", [], sniff=lambda source: float(not source.path.is_dir() or "whole" in source.members()))
+    install(
+        "whole",
+        [],
+        sniff=lambda source: float(not source.path.is_dir() or "whole" in source.members()),
+    )
 
 
 def touch(folder: Path, *names: str) -> list[Path]:
@@ -39,20 +45,32 @@ def targets(inputs: list[Path], out: Path) -> list[str]:
         (["a/x.ubx", "a/x.ubx"], ["x.mcap"]),
     ],
 )
-def test_names_are_short_and_distinct(names: list[str], expected: list[str], converters: None, tmp_path: Path) -> None:
+def test_names_are_short_and_distinct(
+    names: list[str], expected: list[str], converters: None, tmp_path: Path
+) -> None:
     (tmp_path / "out").mkdir()
     assert targets(touch(tmp_path, *names), tmp_path / "out") == expected
 
 
 @settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    st.lists(st.sampled_from(["x", "X", "x-2", "a-x", "x.ubx", "a-x.ubx", "x.ubx.gz", "..x", "x-2.ubx"]), min_size=2, unique=True),
+    st.lists(
+        st.sampled_from(["x", "X", "x-2", "a-x", "x.ubx", "a-x.ubx", "x.ubx.gz", "..x", "x-2.ubx"]),
+        min_size=2,
+        unique=True,
+    ),
     st.data(),
 )
-def test_no_two_logs_share_a_name(install: Any, tmp_path: Path, names: list[str], data: Any) -> None:
+def test_no_two_logs_share_a_name(
+    install: Any, tmp_path: Path, names: list[str], data: Any
+) -> None:
     install("none", [], sniff=0.0)
-    folders = data.draw(st.lists(st.sampled_from(["a", "b/a", "b", "."]), min_size=len(names), max_size=len(names)))
-    paths = touch(tmp_path, *(f"{folder}/{name}" for folder, name in zip(folders, names, strict=True)))
+    folders = data.draw(
+        st.lists(st.sampled_from(["a", "b/a", "b", "."]), min_size=len(names), max_size=len(names))
+    )
+    paths = touch(
+        tmp_path, *(f"{folder}/{name}" for folder, name in zip(folders, names, strict=True))
+    )
     made = [job.target for job in plan(paths, tmp_path / "out")]
     assert len({str(target).casefold() for target in made}) == len(paths)
     assert all(target.parent == tmp_path / "out" for target in made)
@@ -65,16 +83,32 @@ def test_one_log_goes_to_the_file_that_is_named(converters: None, tmp_path: Path
 
 def test_a_folder_is_one_log_or_walked(converters: None, tmp_path: Path) -> None:
     touch(
-        tmp_path, "logs/a.ubx", "logs/sub/a.ubx", "logs/sub/b.ubx", "logs/bag/whole", "logs/bag/part", "logs/.hidden", "logs/out/old.mcap"
+        tmp_path,
+        "logs/a.ubx",
+        "logs/sub/a.ubx",
+        "logs/sub/b.ubx",
+        "logs/bag/whole",
+        "logs/bag/part",
+        "logs/.hidden",
+        "logs/out/old.mcap",
     )
     out = tmp_path / "logs" / "out"
     jobs = plan([tmp_path / "logs"], out)
-    assert [job.target.relative_to(out).as_posix() for job in jobs] == ["a.mcap", "bag.mcap", "sub/a.mcap", "sub/b.mcap"]
+    assert [job.target.relative_to(out).as_posix() for job in jobs] == [
+        "a.mcap",
+        "bag.mcap",
+        "sub/a.mcap",
+        "sub/b.mcap",
+    ]
     assert all(job.walked for job in jobs)
-    assert [job.source for job in plan([tmp_path / "logs" / "bag"], tmp_path / "x.mcap")] == [tmp_path / "logs" / "bag"]
+    assert [job.source for job in plan([tmp_path / "logs" / "bag"], tmp_path / "x.mcap")] == [
+        tmp_path / "logs" / "bag"
+    ]
 
 
-def test_names_stay_within_the_output_folder(converters: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_stay_within_the_output_folder(
+    converters: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     touch(tmp_path, "logs/whole", "a.ubx")
     monkeypatch.chdir(tmp_path / "logs")
     (tmp_path / "out").mkdir()

@@ -47,7 +47,9 @@ def test_packed_files_give_their_bytes(packing: str, parts: int, tmp_path: Path)
 @pytest.mark.parametrize("packing", PACKINGS)
 @settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(share=st.floats(0, 1, exclude_max=True))
-def test_a_packed_file_that_is_cut_off_gives_what_was_before(packing: str, share: float, tmp_path: Path) -> None:
+def test_a_packed_file_that_is_cut_off_gives_what_was_before(
+    packing: str, share: float, tmp_path: Path
+) -> None:
     path = tmp_path / "log"
     packed = PACKINGS[packing](DATA)
     path.write_bytes(packed[: 10 + int(share * (len(packed) - 10))])
@@ -70,7 +72,9 @@ def test_junk_behind_a_packed_file_is_damage(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("packing", PACKINGS)
-def test_what_unpacks_to_too_much_is_refused_in_a_sentence(packing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_unpacks_to_too_much_is_refused_in_a_sentence(
+    packing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(unpacking, "MAX_UNPACKED_BYTES", 3 * 2**20)
     path = tmp_path / "bomb"
     path.write_bytes(PACKINGS[packing](bytes(16 * 2**20)))
@@ -92,7 +96,9 @@ def test_members_of_folders_and_archives_are_the_same(tmp_path: Path) -> None:
         for name, member in source.members().items():
             with member.open() as file:
                 assert file.read() == files[name]
-        assert source.tally.ended == {name: len(content) for name, content in files.items() if path != folder}
+        assert source.tally.ended == {
+            name: len(content) for name, content in files.items() if path != folder
+        }
         assert source.size() == 10 + len(DATA)
 
 

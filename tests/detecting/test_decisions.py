@@ -79,7 +79,9 @@ def test_a_detector_sees_the_blind_recording_only() -> None:
 def test_a_detector_cannot_see_which_kinds_a_variant_lacks() -> None:
     clean = drive(0, 60.0)
     declared = {*Watcher.requires, *Watcher.uses}
-    lacking = clean.replace({topic: None for kind in clean.kinds - declared for topic in clean.topics(kind)})
+    lacking = clean.replace(
+        {topic: None for kind in clean.kinds - declared for topic in clean.topics(kind)}
+    )
     for recording in (clean, lacking):
         detect(Watcher(NOTHING), recording)
     whole, less = Watcher.shown[-2:]
@@ -91,8 +93,13 @@ def test_a_detector_cannot_see_which_kinds_a_variant_lacks() -> None:
 
 def test_metadata_do_not_tell_of_a_source_that_is_gone() -> None:
     clean = drive(0, 60.0)
-    second = clean.replace({"/gnss1/gnss/pvt": clean.primary("gnss/pvt")}).with_metadata({"source/gnss1": {"solution": "gnss"}})
-    for recording, names in ((second, {"source/gnss1"}), (second.replace({"/gnss1/gnss/pvt": None}), set())):
+    second = clean.replace({"/gnss1/gnss/pvt": clean.primary("gnss/pvt")}).with_metadata(
+        {"source/gnss1": {"solution": "gnss"}}
+    )
+    for recording, names in (
+        (second, {"source/gnss1"}),
+        (second.replace({"/gnss1/gnss/pvt": None}), set()),
+    ):
         detect(Watcher(NOTHING), recording)
         assert {name for name in Watcher.shown[-1].metadata if name == "source/gnss1"} == names
 
@@ -116,8 +123,12 @@ def test_the_protocols_tell_detectors_from_trainable_ones() -> None:
 
 
 def recording_of(clock: list[int], other: list[int]) -> Recording:
-    pvt = Table("gnss/pvt", np.array(clock, np.int64), {"height_m": np.arange(len(clock), dtype=float)})
-    imu = Table("imu", np.array(other, np.int64), {"accel_x_mps2": np.arange(len(other), dtype=float)})
+    pvt = Table(
+        "gnss/pvt", np.array(clock, np.int64), {"height_m": np.arange(len(clock), dtype=float)}
+    )
+    imu = Table(
+        "imu", np.array(other, np.int64), {"accel_x_mps2": np.arange(len(other), dtype=float)}
+    )
     return Recording({"/gnss0/gnss/pvt": pvt, "/imu0/imu": imu})
 
 
@@ -132,16 +143,31 @@ def test_stepwise_gives_the_events_in_the_order_of_time(clock: list[int], other:
         for topic, row in steps:
             assert len(row) == 1
             is_clock = topic == "/gnss0/gnss/pvt"
-            events.append((int(row.time_ns[0]), topic, float(row["height_m" if is_clock else "accel_x_mps2"][0])))
+            events.append(
+                (
+                    int(row.time_ns[0]),
+                    topic,
+                    float(row["height_m" if is_clock else "accel_x_mps2"][0]),
+                )
+            )
             if is_clock:
-                yield float(sum(topic == "/imu0/imu" for _, topic, _ in events)) if len(events) % 3 else None
+                yield (
+                    float(sum(topic == "/imu0/imu" for _, topic, _ in events))
+                    if len(events) % 3
+                    else None
+                )
 
     decisions = stepwise(recording_of(clock, other), "gnss/pvt", ["imu"], think)
     expected = [(t, 1, "/gnss0/gnss/pvt", float(i)) for i, t in enumerate(clock)]
     expected += [(t, 0, "/imu0/imu", float(i)) for i, t in enumerate(other)]
-    assert events == [(t, topic, value) for t, _, topic, value in sorted(expected, key=lambda e: (e[0], e[1], e[3]))]
+    assert events == [
+        (t, topic, value)
+        for t, _, topic, value in sorted(expected, key=lambda e: (e[0], e[1], e[3]))
+    ]
     assert decisions.time_ns.tolist() == sorted(set(clock))
-    for time_ns, score in zip(decisions.time_ns[decisions.available], decisions.score[decisions.available], strict=True):
+    for time_ns, score in zip(
+        decisions.time_ns[decisions.available], decisions.score[decisions.available], strict=True
+    ):
         assert score == sum(t <= time_ns for t in other)
 
 
@@ -164,7 +190,9 @@ def test_stepwise_refuses_a_look_ahead(ahead: int) -> None:
                     next(steps, None)
                 yield 0.0
 
-    with pytest.raises(PluginError, match="took further events before its score for row 0 of 'gnss/pvt'"):
+    with pytest.raises(
+        PluginError, match="took further events before its score for row 0 of 'gnss/pvt'"
+    ):
         stepwise(recording_of([1, 10, 20], [2, 3, 4, 12, 13, 14]), "gnss/pvt", ["imu"], think)
 
 

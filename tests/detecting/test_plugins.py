@@ -33,7 +33,9 @@ def _found_afresh() -> Iterator[None]:
 
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
-    """Return a function that installs a distribution of one module and one detector: its name, the detector's, the source."""
+    """Return a function that installs a distribution of one module and one detector: its name, the
+    detector's, the source.
+    """
     monkeypatch.syspath_prepend(str(tmp_path))
 
     def install(distribution: str, detector: str, source: str) -> None:
@@ -41,7 +43,9 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
         (tmp_path / f"{module}.py").write_text(source)
         info = tmp_path / f"{module}-1.2.3.dist-info"
         info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.2.3\n")
+        (info / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.2.3\n"
+        )
         (info / "entry_points.txt").write_text(f"[{DETECTORS}]\n{detector} = {module}:Detector\n")
         monkeypatch.delitem(sys.modules, module, raising=False)
 
@@ -65,12 +69,16 @@ def test_a_plugin_is_found_without_import(install: Install) -> None:
         ("class Broken(", "SyntaxError"),
     ],
 )
-def test_a_plugin_that_cannot_be_loaded_is_blamed(install: Install, source: str, reason: str) -> None:
+def test_a_plugin_that_cannot_be_loaded_is_blamed(
+    install: Install, source: str, reason: str
+) -> None:
     install("stranger-b", "broken", source)
     with pytest.raises(PluginError) as caught:
         find(DETECTORS, "broken").load()
     text = str(caught.value)
-    assert "detector 'broken' of stranger-b 1.2.3 cannot be loaded from 'stranger_b:Detector'" in text
+    assert (
+        "detector 'broken' of stranger-b 1.2.3 cannot be loaded from 'stranger_b:Detector'" in text
+    )
     assert reason in text
     assert text.endswith("reinstall or remove the distribution 'stranger-b'")
 
@@ -78,7 +86,9 @@ def test_a_plugin_that_cannot_be_loaded_is_blamed(install: Install, source: str,
 def test_two_claims_to_one_name_name_both(install: Install) -> None:
     install("stranger-c", "twin", DETECTOR)
     install("stranger-d", "twin", DETECTOR)
-    with pytest.raises(PluginError, match=r"'twin' of stranger-. 1.2.3 and .* claim one name") as caught:
+    with pytest.raises(
+        PluginError, match=r"'twin' of stranger-. 1.2.3 and .* claim one name"
+    ) as caught:
         found(DETECTORS)
     assert "stranger-c" in str(caught.value)
     assert "stranger-d" in str(caught.value)
@@ -86,7 +96,9 @@ def test_two_claims_to_one_name_name_both(install: Install) -> None:
 
 def test_an_unknown_name_gets_a_hint(install: Install) -> None:
     install("stranger-e", "sentinel", DETECTOR)
-    with pytest.raises(PluginError, match="no detector is called 'sentinal'; did you mean 'sentinel'"):
+    with pytest.raises(
+        PluginError, match="no detector is called 'sentinal'; did you mean 'sentinel'"
+    ):
         find(DETECTORS, "sentinal")
     with pytest.raises(PluginError, match=r"no detector is called 'zzz'; installed are \["):
         find(DETECTORS, "zzz")
@@ -95,9 +107,14 @@ def test_an_unknown_name_gets_a_hint(install: Install) -> None:
 def test_parameters_are_named_and_refusals_blamed(install: Install) -> None:
     install("stranger-f", "levelled", DETECTOR)
     assert make(DETECTORS, "levelled", {"level": 2.0}).level == 2.0
-    with pytest.raises(PluginError, match=r"stranger-f 1.2.3 has no parameter 'depth'; it has \['level'\]"):
+    with pytest.raises(
+        PluginError, match=r"stranger-f 1.2.3 has no parameter 'depth'; it has \['level'\]"
+    ):
         make(DETECTORS, "levelled", {"depth": 2.0})
-    with pytest.raises(PluginError, match=r"refuses its parameters \{'level': -1\}: ValueError: level must be at least 0"):
+    with pytest.raises(
+        PluginError,
+        match=r"refuses its parameters \{'level': -1\}: ValueError: level must be at least 0",
+    ):
         make(DETECTORS, "levelled", {"level": -1})
 
 

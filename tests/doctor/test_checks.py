@@ -21,14 +21,18 @@ Change = Callable[[Recording], Recording]
 
 @pytest.fixture(scope="module")
 def good() -> Recording:
-    """Ten minutes without a flaw; the receiver claims the week and time of week that its rows bear."""
+    """Ten minutes without a flaw; the receiver claims the week and time of week that its rows
+    bear.
+    """
     return claiming(drive(3, 600.0, flaws=False), 18.0)
 
 
 def claiming(recording: Recording, ahead_s: float) -> Recording:
     pvt = recording[PVT]
     claimed = pvt.time_ns / 1e9 - GPS_EPOCH_S + ahead_s
-    return edited(recording, PVT, gps_week=(claimed // 604_800).astype(int), tow_s=claimed % 604_800)
+    return edited(
+        recording, PVT, gps_week=(claimed // 604_800).astype(int), tow_s=claimed % 604_800
+    )
 
 
 def edited(recording: Recording, topic: str, **columns: Any) -> Recording:
@@ -36,13 +40,17 @@ def edited(recording: Recording, topic: str, **columns: Any) -> Recording:
 
 
 def scaled(topic: str, factor: float, *names: str) -> Change:
-    return lambda recording: edited(recording, topic, **{name: recording[topic][name] * factor for name in names})
+    return lambda recording: edited(
+        recording, topic, **{name: recording[topic][name] * factor for name in names}
+    )
 
 
 def moved(recording: Recording, topic: str, seconds: float) -> Recording:
     table = recording[topic]
     columns = {name: table.column(name) for name in table}
-    return recording.replace({topic: Table(table.kind.name, table.time_ns + int(seconds * 1e9), columns)})
+    return recording.replace(
+        {topic: Table(table.kind.name, table.time_ns + int(seconds * 1e9), columns)}
+    )
 
 
 def shifted_all(seconds: float) -> Change:
@@ -55,7 +63,9 @@ def shifted_all(seconds: float) -> Change:
 
 
 def described(name: str, **record: str) -> Change:
-    return lambda recording: recording.with_metadata({name: {**recording.metadata.get(name, {}), **record}})
+    return lambda recording: recording.with_metadata(
+        {name: {**recording.metadata.get(name, {}), **record}}
+    )
 
 
 def speed_only(recording: Recording) -> Recording:
@@ -63,29 +73,48 @@ def speed_only(recording: Recording) -> Recording:
     pvt = recording[PVT]
     course = np.degrees(np.arctan2(pvt["vel_e_mps"], pvt["vel_n_mps"])) % 360
     speed = np.hypot(pvt["vel_n_mps"], pvt["vel_e_mps"])
-    return edited(recording, PVT, speed_mps=speed, course_deg=course, vel_n_mps=None, vel_e_mps=None, vel_d_mps=None)
+    return edited(
+        recording,
+        PVT,
+        speed_mps=speed,
+        course_deg=course,
+        vel_n_mps=None,
+        vel_e_mps=None,
+        vel_d_mps=None,
+    )
 
 
 def received(topic: str, delay_s: float) -> Change:
-    return lambda recording: edited(recording, topic, receive_time_ns=recording[topic].time_ns + int(delay_s * 1e9))
+    return lambda recording: edited(
+        recording, topic, receive_time_ns=recording[topic].time_ns + int(delay_s * 1e9)
+    )
 
 
 def with_rows(topic: str, rows: Any) -> Change:
-    return lambda recording: recording.replace({topic: recording[topic].take(rows(len(recording[topic])))})
+    return lambda recording: recording.replace(
+        {topic: recording[topic].take(rows(len(recording[topic])))}
+    )
 
 
 def codes(findings: list[Finding], worse_than_info: bool = True) -> set[str]:
-    return {finding.code for finding in findings if finding.severity != "info" or not worse_than_info}
+    return {
+        finding.code for finding in findings if finding.severity != "info" or not worse_than_info
+    }
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_good_drive_has_nothing_wrong(seed: int) -> None:
-    assert codes(examine(claiming(drive(seed, 400.0, 5.0, flaws=False, second_sources=True), 18.0))) == set()
+    assert (
+        codes(examine(claiming(drive(seed, 400.0, 5.0, flaws=False, second_sources=True), 18.0)))
+        == set()
+    )
     assert codes(examine(speed_only(drive(seed, 400.0, flaws=False)))) == set()
 
 
 def test_flaws_are_gaps(good: Recording) -> None:
-    findings = {finding.topic: finding for finding in examine(drive(1, 400.0)) if finding.code == "rate-gap"}
+    findings = {
+        finding.topic: finding for finding in examine(drive(1, 400.0)) if finding.code == "rate-gap"
+    }
     assert findings[PVT].severity == "warning"
     assert findings[IMU].severity == "info"
     assert "the longest 9 s where rows come every 1 s" in findings[PVT].text
@@ -94,7 +123,9 @@ def test_flaws_are_gaps(good: Recording) -> None:
 def hold(recording: Recording) -> Recording:
     """Positions stay for 25 s in the middle of the fastest stretch, with no word."""
     pvt = recording[PVT]
-    middle = int(np.argmax(np.convolve(np.hypot(pvt["vel_n_mps"], pvt["vel_e_mps"]), np.ones(25), "valid")))
+    middle = int(
+        np.argmax(np.convolve(np.hypot(pvt["vel_n_mps"], pvt["vel_e_mps"]), np.ones(25), "valid"))
+    )
     lat, lon = pvt["lat_deg"].copy(), pvt["lon_deg"].copy()
     lat[middle : middle + 25], lon[middle : middle + 25] = lat[middle], lon[middle]
     return edited(recording, PVT, lat_deg=lat, lon_deg=lon)
@@ -123,7 +154,14 @@ def clipped(recording: Recording) -> Recording:
 
 def repeated(recording: Recording) -> Recording:
     changed = {}
-    for name in ("accel_x_mps2", "accel_y_mps2", "accel_z_mps2", "gyro_x_radps", "gyro_y_radps", "gyro_z_radps"):
+    for name in (
+        "accel_x_mps2",
+        "accel_y_mps2",
+        "accel_z_mps2",
+        "gyro_x_radps",
+        "gyro_y_radps",
+        "gyro_z_radps",
+    ):
         values = recording[IMU][name].copy()
         values[500:600] = values[500]
         changed[name] = values
@@ -143,13 +181,17 @@ def stretched(recording: Recording) -> Recording:
     for topic in recording:
         table = recording[topic]
         times = START_NS + (table.time_ns - START_NS) // 13 * 12
-        recording = recording.replace({topic: Table(table.kind.name, times, {name: table.column(name) for name in table})})
+        recording = recording.replace(
+            {topic: Table(table.kind.name, times, {name: table.column(name) for name in table})}
+        )
     return recording
 
 
 def thinned_half(recording: Recording) -> Recording:
     n = len(recording[PVT])
-    return recording.replace({PVT: recording[PVT].take(np.concatenate([np.arange(n // 2), np.arange(n // 2, n, 4)]))})
+    return recording.replace(
+        {PVT: recording[PVT].take(np.concatenate([np.arange(n // 2), np.arange(n // 2, n, 4)]))}
+    )
 
 
 def ledger(reason: str) -> Change:
@@ -171,16 +213,37 @@ GYRO = ("gyro_x_radps", "gyro_y_radps", "gyro_z_radps")
 ACCEL = ("accel_x_mps2", "accel_y_mps2", "accel_z_mps2")
 FIELD = ("field_x_ut", "field_y_ut", "field_z_ut")
 VELOCITY = ("vel_n_mps", "vel_e_mps")
-STEPS = {"clock_step_count": "2", "clock_steps": json.dumps([{"offset": 7, "from_ns": 0, "to_ns": SECOND_NS}])}
+STEPS = {
+    "clock_step_count": "2",
+    "clock_steps": json.dumps([{"offset": 7, "from_ns": 0, "to_ns": SECOND_NS}]),
+}
 
 MISTAKES: dict[str, tuple[Change, str, str]] = {
     "velocity in km/h": (scaled(PVT, 3.6, *VELOCITY), "speed-unit", "error"),
-    "speed in knots": (lambda r: scaled(PVT, 1.943844, "speed_mps")(speed_only(r)), "speed-unit", "error"),
-    "speed from m/s as knots": (lambda r: scaled(PVT, 1 / 1.943844, "speed_mps")(speed_only(r)), "speed-unit", "error"),
-    "speed half as large": (lambda r: scaled(PVT, 0.7, "speed_mps")(speed_only(r)), "speed-disagrees", "warning"),
-    "course in radians": (lambda r: scaled(PVT, np.radians(1), "course_deg")(speed_only(r)), "course-unit", "error"),
+    "speed in knots": (
+        lambda r: scaled(PVT, 1.943844, "speed_mps")(speed_only(r)),
+        "speed-unit",
+        "error",
+    ),
+    "speed from m/s as knots": (
+        lambda r: scaled(PVT, 1 / 1.943844, "speed_mps")(speed_only(r)),
+        "speed-unit",
+        "error",
+    ),
+    "speed half as large": (
+        lambda r: scaled(PVT, 0.7, "speed_mps")(speed_only(r)),
+        "speed-disagrees",
+        "warning",
+    ),
+    "course in radians": (
+        lambda r: scaled(PVT, np.radians(1), "course_deg")(speed_only(r)),
+        "course-unit",
+        "error",
+    ),
     "course from east": (
-        lambda r: edited(speed_only(r), PVT, course_deg=(90 - speed_only(r)[PVT]["course_deg"]) % 360),
+        lambda r: edited(
+            speed_only(r), PVT, course_deg=(90 - speed_only(r)[PVT]["course_deg"]) % 360
+        ),
         "course-unit",
         "error",
     ),
@@ -196,9 +259,17 @@ MISTAKES: dict[str, tuple[Change, str, str]] = {
     "IMU 1.2 s late": (lambda r: moved(r, IMU, 1.2), "imu-lag", "warning"),
     "IMU 3 s early": (lambda r: moved(r, IMU, -3.0), "imu-lag", "error"),
     "IMU in GPS time": (lambda r: moved(r, IMU, 18.0), "imu-lag", "error"),
-    "second receiver in GPS time": (lambda r: moved(second(r), "/gnss1/gnss/pvt", 18.0), "gps-time-as-utc", "error"),
+    "second receiver in GPS time": (
+        lambda r: moved(second(r), "/gnss1/gnss/pvt", 18.0),
+        "gps-time-as-utc",
+        "error",
+    ),
     "second receiver's height": (
-        lambda r: edited(second(edited(r, PVT, height_msl_m=r[PVT]["height_m"] - 47)), "/gnss1/gnss/pvt", height_m=r[PVT]["height_m"] - 47),
+        lambda r: edited(
+            second(edited(r, PVT, height_msl_m=r[PVT]["height_m"] - 47)),
+            "/gnss1/gnss/pvt",
+            height_m=r[PVT]["height_m"] - 47,
+        ),
         "height-datum",
         "warning",
     ),
@@ -217,10 +288,18 @@ MISTAKES: dict[str, tuple[Change, str, str]] = {
     "magnetometer in gauss declared tesla": (scaled(MAG, 1e4, *FIELD), "mag-unit", "error"),
     "magnetometer in tesla": (scaled(MAG, 1e-6, *FIELD), "mag-unit", "error"),
     "magnetometer off": (scaled(MAG, 0.1, *FIELD), "mag-scale", "warning"),
-    "magnetometer beside iron": (lambda r: edited(r, MAG, field_x_ut=r[MAG]["field_x_ut"] + 400), "mag-bias", "info"),
+    "magnetometer beside iron": (
+        lambda r: edited(r, MAG, field_x_ut=r[MAG]["field_x_ut"] + 400),
+        "mag-bias",
+        "info",
+    ),
     "IMU frozen": (repeated, "frozen-imu", "warning"),
     "gyro absent as 0": (scaled(IMU, 0.0, *GYRO), "all-zero", "error"),
-    "IMU decimated": (lambda r: edited(with_rows(IMU, lambda n: np.arange(0, n, 100))(r), IMU, interval_s=None), "slow-imu", "warning"),
+    "IMU decimated": (
+        lambda r: edited(with_rows(IMU, lambda n: np.arange(0, n, 100))(r), IMU, interval_s=None),
+        "slow-imu",
+        "warning",
+    ),
     "position held": (hold, "held-position", "warning"),
     "position held in a fast table": (
         lambda r: r.replace({PVT: _faster(r[PVT], 5)}),
@@ -232,23 +311,49 @@ MISTAKES: dict[str, tuple[Change, str, str]] = {
     "height jumps": (jump("height_m", 60.0), "height-jump", "warning"),
     "null island": (nulls, "impossible-position", "error"),
     "latitude 100": (jump("lat_deg", 100.0), "impossible-position", "error"),
-    "heights equal": (lambda r: edited(r, PVT, height_msl_m=r[PVT]["height_m"]), "height-datum", "warning"),
-    "heights 300 m apart": (lambda r: edited(r, PVT, height_msl_m=r[PVT]["height_m"] - 300), "height-datum", "warning"),
+    "heights equal": (
+        lambda r: edited(r, PVT, height_msl_m=r[PVT]["height_m"]),
+        "height-datum",
+        "warning",
+    ),
+    "heights 300 m apart": (
+        lambda r: edited(r, PVT, height_msl_m=r[PVT]["height_m"] - 300),
+        "height-datum",
+        "warning",
+    ),
     "accuracy absent as 0": (scaled(PVT, 0.0, "h_acc_m"), "all-zero", "warning"),
     "two rows per epoch": (doubled, "repeated-epoch", "warning"),
     "rate changes": (thinned_half, "rate-change", "warning"),
     "week 1024 off": (week_off, "week-rollover", "error"),
     "dates 1024 weeks off": (lambda r: received(PVT, 1024 * 604_800)(r), "week-rollover", "error"),
-    "date in the name": (described("origin", file="drive_2043-07-01.nmea"), "week-rollover", "error"),
+    "date in the name": (
+        described("origin", file="drive_2043-07-01.nmea"),
+        "week-rollover",
+        "error",
+    ),
     "year in the name": (described("origin", file="harbour_2043.nmea"), "week-rollover", "error"),
     "GPS time as UTC": (lambda r: claiming(r, 0.0), "gps-time-as-utc", "error"),
     "GPS time as UTC, by receipt": (received(PVT, -17.9), "gps-time-as-utc", "warning"),
-    "old leap seconds": (lambda r: described("recording", clock="gnss")(claiming(r, 16.0)), "leap-seconds", "warning"),
+    "old leap seconds": (
+        lambda r: described("recording", clock="gnss")(claiming(r, 16.0)),
+        "leap-seconds",
+        "warning",
+    ),
     "local time": (received(PVT, 2 * 3600 + 0.3), "local-time-as-utc", "error"),
     "local time of one sensor": (lambda r: moved(r, PVT, 5.5 * 3600), "local-time-as-utc", "error"),
     "no date": (shifted_all(-START_NS / 1e9 + 100), "no-date", "warning"),
-    "no date of one sensor": (lambda r: moved(r, PVT, -START_NS / 1e9 + 100), "default-date", "error"),
-    "week 0": (lambda r: edited(r, PVT, gps_week=np.where(np.arange(len(r[PVT])) < 5, 0, r[PVT]["gps_week"])), "default-date", "warning"),
+    "no date of one sensor": (
+        lambda r: moved(r, PVT, -START_NS / 1e9 + 100),
+        "default-date",
+        "error",
+    ),
+    "week 0": (
+        lambda r: edited(
+            r, PVT, gps_week=np.where(np.arange(len(r[PVT])) < 5, 0, r[PVT]["gps_week"])
+        ),
+        "default-date",
+        "warning",
+    ),
     "clock steps noted": (described("recording", **STEPS), "clock-step", "warning"),
     "clock steps seen": (
         lambda r: edited(r, PVT, tow_s=r[PVT]["tow_s"] + 5.0 * (np.arange(len(r[PVT])) > 300)),
@@ -267,7 +372,11 @@ def _faster(pvt: Table, times: int) -> Table:
     """A table of more rows in which each epoch is repeated."""
     rows = np.repeat(np.arange(len(pvt)), times)
     time_ns = pvt.time_ns[rows] + np.tile(np.arange(times), len(pvt)) * SECOND_NS // times
-    return Table("gnss/pvt", time_ns, {name: pvt[name][rows] for name in ("lat_deg", "lon_deg", "vel_n_mps", "vel_e_mps")})
+    return Table(
+        "gnss/pvt",
+        time_ns,
+        {name: pvt[name][rows] for name in ("lat_deg", "lon_deg", "vel_n_mps", "vel_e_mps")},
+    )
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -277,7 +386,9 @@ def test_a_mistake_is_named(mistake: str, good: Recording) -> None:
     assert findings
     assert findings[0].severity == severity
     assert findings[0].advice
-    assert np.isfinite([value for finding in findings for value in (finding.start_ns or 0, finding.count or 0)]).all()
+    assert np.isfinite(
+        [value for finding in findings for value in (finding.start_ns or 0, finding.count or 0)]
+    ).all()
 
 
 def test_what_is_only_not_asked_for_is_no_warning(good: Recording) -> None:
@@ -287,7 +398,12 @@ def test_what_is_only_not_asked_for_is_no_warning(good: Recording) -> None:
 def test_a_log_is_not_newer_than_its_recording_by_1024_weeks(good: Recording) -> None:
     later = described("origin", modified_ns=str(START_NS + 1024 * 604_800 * SECOND_NS))(good)
     assert "week-rollover" in codes(examine(later))
-    assert codes(examine(described("origin", modified_ns=str(START_NS + 90 * 86_400 * SECOND_NS))(good))) == set()
+    assert (
+        codes(
+            examine(described("origin", modified_ns=str(START_NS + 90 * 86_400 * SECOND_NS))(good))
+        )
+        == set()
+    )
 
 
 def test_labels_that_fit_and_labels_that_do_not() -> None:
@@ -295,7 +411,10 @@ def test_labels_that_fit_and_labels_that_do_not() -> None:
     assert not {code for code in codes(examine(spoofed)) if code.startswith("label")}
     truth = spoofed["/truth/attack"]
     for off_s, code in ((20, "label-onset"), (4000, "label-outside")):
-        start_ns, end_ns = truth["start_ns"] + off_s * SECOND_NS, truth["end_ns"] + off_s * SECOND_NS
+        start_ns, end_ns = (
+            truth["start_ns"] + off_s * SECOND_NS,
+            truth["end_ns"] + off_s * SECOND_NS,
+        )
         wrong = truth.replace(start_ns=start_ns, end_ns=end_ns)
         assert code in codes(examine(spoofed.replace({"/truth/attack": wrong})))
 
@@ -305,11 +424,17 @@ def test_any_values_give_findings_that_machines_can_read(value: float) -> None:
     recording = drive(1, 60.0)
     for topic in (PVT, IMU):
         table = recording[topic]
-        columns = {name: np.full(len(table), value) for name in table if table[name].dtype.kind == "f"}
+        columns = {
+            name: np.full(len(table), value) for name in table if table[name].dtype.kind == "f"
+        }
         recording = recording.replace({topic: table.replace(**columns)})
     strange = {"clock_step_count": "9" * 30, "clock_steps": "[[", "clock": "\x1b[2J"}
     recording = recording.with_metadata(
-        {"recording": strange, "ledger": {"unit": "x"}, "origin": {"modified_ns": "-", "file": "2024-13-99"}}
+        {
+            "recording": strange,
+            "ledger": {"unit": "x"},
+            "origin": {"modified_ns": "-", "file": "2024-13-99"},
+        }
     )
     for finding in examine(recording):
         json.dumps(replace(finding).__class__.__slots__, allow_nan=False)
@@ -319,5 +444,8 @@ def test_any_values_give_findings_that_machines_can_read(value: float) -> None:
 def test_short_recordings_give_no_findings_that_need_more() -> None:
     for rows in (0, 1, 2, 3):
         recording = drive(1, 60.0)
-        cut = Recording({topic: recording[topic].take(slice(0, rows)) for topic in recording}, recording.metadata)
+        cut = Recording(
+            {topic: recording[topic].take(slice(0, rows)) for topic in recording},
+            recording.metadata,
+        )
         assert codes(examine(cut)) <= {"empty"}

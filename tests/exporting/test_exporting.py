@@ -1,4 +1,6 @@
-"""What is exported says the same in another program's words: absent is empty, exact where the format can be."""
+"""What is exported says the same in another program's words: absent is empty, exact where the
+format can be.
+"""
 
 import csv
 import xml.etree.ElementTree as ET
@@ -50,7 +52,10 @@ def table_of(exported: Any, kind: str) -> Table:
         values = exported[name].to_pylist()
         if field.category == "enum":
             numbers = KINDS[kind].message.fields_by_name[name].enum_type.values_by_name
-            values = [None if word is None else numbers[word].number if word in numbers else int(word) for word in values]
+            values = [
+                None if word is None else numbers[word].number if word in numbers else int(word)
+                for word in values
+            ]
         if field.category in ("text", "bytes"):
             columns[name] = values
         elif field.category == "float":
@@ -61,7 +66,9 @@ def table_of(exported: Any, kind: str) -> Table:
     return Table(kind, exported["time_ns"].to_numpy(), columns)
 
 
-def test_parquet_of_every_kind_reads_back_equal(recording: Recording, file: Path, tmp_path: Path) -> None:
+def test_parquet_of_every_kind_reads_back_equal(
+    recording: Recording, file: Path, tmp_path: Path
+) -> None:
     export(file, tmp_path / "all", table_format="parquet")
     for topic in recording:
         exported = parquet.read_table(tmp_path / "all" / f"{topic[1:].replace('/', '_')}.parquet")
@@ -81,16 +88,25 @@ def test_any_rows_read_back_equal_from_parquet_and_csv(tmp_path: Path, data: Any
         START_NS + np.arange(n),
         {
             "constellation": Column(
-                np.array(data.draw(st.lists(st.integers(0, 99), min_size=n, max_size=n)), np.int32), data.draw(arrays(bool, n))
+                np.array(data.draw(st.lists(st.integers(0, 99), min_size=n, max_size=n)), np.int32),
+                data.draw(arrays(bool, n)),
             ),
             "svid": Column(data.draw(arrays(np.uint32, n)), data.draw(arrays(bool, n))),
             "signal": data.draw(
-                st.lists(st.none() | st.text(st.characters(codec="utf-8"), min_size=1, max_size=9), min_size=n, max_size=n)
+                st.lists(
+                    st.none() | st.text(st.characters(codec="utf-8"), min_size=1, max_size=9),
+                    min_size=n,
+                    max_size=n,
+                )
             ),
-            "subframe": data.draw(st.lists(st.none() | st.binary(max_size=9), min_size=n, max_size=n)),
+            "subframe": data.draw(
+                st.lists(st.none() | st.binary(max_size=9), min_size=n, max_size=n)
+            ),
         },
     )
-    clock = Table("gnss/clock", table.time_ns, {"bias_s": data.draw(arrays(np.float64, n, elements=FLOATS))})
+    clock = Table(
+        "gnss/clock", table.time_ns, {"bias_s": data.draw(arrays(np.float64, n, elements=FLOATS))}
+    )
     for each in (table, clock):
         parquet.write_table(arrow_table(each, "/a/x", {}), tmp_path / "x.parquet")
         assert table_of(parquet.read_table(tmp_path / "x.parquet"), each.kind.name) == each
@@ -103,20 +119,32 @@ def test_any_rows_read_back_equal_from_parquet_and_csv(tmp_path: Path, data: Any
     with (tmp_path / "y.csv").open(newline="", encoding="utf-8") as lines:
         rows = list(csv.DictReader(lines))
     assert [row["signal"] or None for row in rows] == table.words("signal")
-    assert [row["subframe"] for row in rows] == [(word or b"").hex() for word in table.words("subframe")]
+    assert [row["subframe"] for row in rows] == [
+        (word or b"").hex() for word in table.words("subframe")
+    ]
 
 
-def test_csv_has_iso_times_and_empty_cells(recording: Recording, file: Path, tmp_path: Path) -> None:
+def test_csv_has_iso_times_and_empty_cells(
+    recording: Recording, file: Path, tmp_path: Path
+) -> None:
     export(file, tmp_path / "pvt.csv", topics=["/gnss0/gnss/pvt"])
     pvt = recording["/gnss0/gnss/pvt"]
     with (tmp_path / "pvt.csv").open(newline="") as lines:
         rows = list(csv.DictReader(lines))
     assert len(rows) == len(pvt)
     no_fix = int(np.flatnonzero(np.isnan(pvt["lat_deg"]))[0])
-    assert (rows[no_fix]["lat_deg"], rows[no_fix]["fix_type"], rows[0]["fix_type"]) == ("", "FIX_TYPE_NONE", "FIX_TYPE_3D")
+    assert (rows[no_fix]["lat_deg"], rows[no_fix]["fix_type"], rows[0]["fix_type"]) == (
+        "",
+        "FIX_TYPE_NONE",
+        "FIX_TYPE_3D",
+    )
     for row, time_ns in zip(rows, pvt.time_ns.tolist(), strict=True):
         whole, _, nanoseconds = row["time"].removesuffix("Z").partition(".")
-        assert int(datetime.fromisoformat(whole + "+00:00").timestamp()) * 10**9 + int(nanoseconds) == time_ns == int(row["time_ns"])
+        assert (
+            int(datetime.fromisoformat(whole + "+00:00").timestamp()) * 10**9 + int(nanoseconds)
+            == time_ns
+            == int(row["time_ns"])
+        )
 
 
 def test_gpx_is_a_track_of_segments(recording: Recording, file: Path, tmp_path: Path) -> None:
@@ -140,12 +168,22 @@ def test_heights_of_gpx_are_above_the_sea(tmp_path: Path) -> None:
         "height_m": [50.0] * 4,
         "height_msl_m": [3.0, np.nan, 3.0, 3.0],
     }
-    table = Table("gnss/pvt", START_NS + np.arange(4), {name: np.array(values) for name, values in columns.items()})
+    table = Table(
+        "gnss/pvt",
+        START_NS + np.arange(4),
+        {name: np.array(values) for name, values in columns.items()},
+    )
     write(Recording({"/gn\x1b<ss/gnss/pvt": table}), tmp_path / "x.mcap")
     export(tmp_path / "x.mcap", tmp_path / "x.gpx")
     points = list(ET.parse(tmp_path / "x.gpx").iter(f"{GPX}trkpt"))
     assert [
-        (point.attrib["lat"], point.attrib["lon"], point.findtext(f"{GPX}ele"), point.findtext(f"{GPX}geoidheight")) for point in points
+        (
+            point.attrib["lat"],
+            point.attrib["lon"],
+            point.findtext(f"{GPX}ele"),
+            point.findtext(f"{GPX}geoidheight"),
+        )
+        for point in points
     ] == [
         ("0.0000001", "0", "3", "47"),
         ("2", "-180", None, None),
@@ -174,7 +212,9 @@ def test_an_archive_holds_the_same_and_is_the_same_again(file: Path, tmp_path: P
         ("full", [], "is not empty; name another"),
     ],
 )
-def test_what_cannot_be_exported_is_one_sentence(out: str, topics: list[str], sentence: str, file: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_exported_is_one_sentence(
+    out: str, topics: list[str], sentence: str, file: Path, tmp_path: Path
+) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine").write_text("x")
     with pytest.raises(RecordingError, match=sentence):
@@ -184,7 +224,10 @@ def test_what_cannot_be_exported_is_one_sentence(out: str, topics: list[str], se
 
 def test_topics_of_strange_names_stay_in_the_folder(tmp_path: Path) -> None:
     table = Table("imu", np.array([START_NS]), {"accel_x_mps2": np.zeros(1)})
-    write(Recording({f"/{name}/imu": table for name in ("..", "a b", "a_b", "a\x00b", "A_B")}), tmp_path / "x.mcap")
+    write(
+        Recording({f"/{name}/imu": table for name in ("..", "a b", "a_b", "a\x00b", "A_B")}),
+        tmp_path / "x.mcap",
+    )
     export(tmp_path / "x.mcap", tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "A_B_imu.csv",
@@ -195,7 +238,9 @@ def test_topics_of_strange_names_stay_in_the_folder(tmp_path: Path) -> None:
     ]
 
 
-def test_a_mapping_is_a_matter_of_the_converter_that_knows_it(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mapping_is_a_matter_of_the_converter_that_knows_it(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def write_text(recording: Recording, mapping: str, out: Path) -> None:
         if mapping != "known":
             raise ConversionError(f"there is no mapping {mapping!r}")
@@ -206,7 +251,10 @@ def test_a_mapping_is_a_matter_of_the_converter_that_knows_it(file: Path, tmp_pa
         raise ZeroDivisionError
 
     def install(**converters: Any) -> None:
-        found = {name: SimpleNamespace(name=name, load=lambda converter=converter: converter) for name, converter in converters.items()}
+        found = {
+            name: SimpleNamespace(name=name, load=lambda converter=converter: converter)
+            for name, converter in converters.items()
+        }
         monkeypatch.setattr(plugins, "found", lambda group: found)
 
     install(plain=SimpleNamespace(), tables=SimpleNamespace(export=write_text))

@@ -35,7 +35,9 @@ def _checks() -> list[Any]:
     ]
     bags = [_log(f"{place}.bag", bag) for place, bag in enumerate(made("rosbag", _folder()))]
     checks.append(("rosbag", check_converter("rosbag", bags, streamed=False).args[1]))
-    return [pytest.param(check, id=f"{name}-{check}") for name, of_one in checks for check in of_one]
+    return [
+        pytest.param(check, id=f"{name}-{check}") for name, of_one in checks for check in of_one
+    ]
 
 
 @pytest.mark.parametrize("check", _checks())

@@ -1,4 +1,6 @@
-"""Every converter, and the reader of recordings, on a few hundred damaged logs; ``benchmarks.fuzz`` does the same for hours."""
+"""Every converter, and the reader of recordings, on a few hundred damaged logs; ``benchmarks.fuzz``
+does the same for hours.
+"""
 
 import tempfile
 from functools import cache
@@ -27,7 +29,9 @@ def _logs(target: str) -> tuple[bytes, ...]:
 
 @st.composite
 def damaged(draw: Any, target: str) -> bytes:
-    """A small log of the target's format after some edits, each at a place that is a share of its length."""
+    """A small log of the target's format after some edits, each at a place that is a share of its
+    length.
+    """
     log: bytes = draw(st.sampled_from(_logs(target)))
     tokens = st.sampled_from([*TOKENS.get(target, TOKENS["table"]), b""])
     for _ in range(draw(st.integers(0, 6))):
@@ -59,7 +63,9 @@ def test_mutations_that_keep_checksums_give_rows_or_one_error(target: str, tmp_p
 
         rng, logs = np.random.default_rng(seed), _logs(target)
         path = tmp_path / "log"
-        path.write_bytes(mutate(rng, logs[seed % len(logs)], logs, TOKENS.get(target, TOKENS["table"])))
+        path.write_bytes(
+            mutate(rng, logs[seed % len(logs)], logs, TOKENS.get(target, TOKENS["table"]))
+        )
         check(target, path, seed % 24)
 
     holds()

@@ -1,4 +1,6 @@
-"""Two scenarios: the calibrated one of Tanil et al. 2018 for its numbers, and a quick one for laws."""
+"""Two scenarios: the calibrated one of Tanil et al. 2018 for its numbers, and a quick one for
+laws.
+"""
 
 import pytest
 

@@ -1,4 +1,6 @@
-"""The printed numbers of Tanil et al. 2018 that fix themselves, and those of the calibrated scenario."""
+"""The printed numbers of Tanil et al. 2018 that fix themselves, and those of the calibrated
+scenario.
+"""
 
 import numpy as np
 import pytest
@@ -22,7 +24,9 @@ def test_missed_detection() -> None:
 
 
 def test_printed_triple_is_consistent() -> None:
-    """(lambda, mu, I_r) = (26.8, 9.7 m, 5.9e-6) follow from Eq (45) with a slope of 0.36194 m and 0.25 m deviation."""
+    """(lambda, mu, I_r) = (26.8, 9.7 m, 5.9e-6) follow from Eq (45) with a slope of 0.36194 m and
+    0.25 m deviation.
+    """
     worst = worst_case(Monitor(0.36194, 0.25, float(stats.chi2.isf(1e-6, 2810)), 2810, 10.0))
     assert worst.error_m == pytest.approx(9.716, abs=1e-3)
     assert worst.noncentrality == pytest.approx(26.844, abs=3e-3)

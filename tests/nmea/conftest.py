@@ -28,9 +28,15 @@ def nmea() -> ModuleType:
 
 
 def real_logs() -> dict[str, Path]:
-    """Real logs with at least one valid sentence, by name; none where they are not beside the project."""
+    """Real logs with at least one valid sentence, by name; none where they are not beside the
+    project.
+    """
     paths = sorted(FOLDER.glob("*")) if FOLDER.is_dir() else []
-    logs = [path for path in paths if path.suffix not in (".chk", ".csv", ".pos") and not path.name.endswith(".csv.gz")]
+    logs = [
+        path
+        for path in paths
+        if path.suffix not in (".chk", ".csv", ".pos") and not path.name.endswith(".csv.gz")
+    ]
     return {path.name: path for path in logs if frames(content(path)).starts.size}
 
 
@@ -42,8 +48,12 @@ def content(path: Path) -> bytes:
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "real_log" in metafunc.fixturenames:
         logs = real_logs()
-        absent = pytest.param(None, marks=pytest.mark.skip(reason="the real logs are not beside the project"))
-        metafunc.parametrize("real_log", list(logs.values()) or [absent], ids=list(logs) or ["absent"])
+        absent = pytest.param(
+            None, marks=pytest.mark.skip(reason="the real logs are not beside the project")
+        )
+        metafunc.parametrize(
+            "real_log", list(logs.values()) or [absent], ids=list(logs) or ["absent"]
+        )
 
 
 def checksum(body: str) -> str:
@@ -61,10 +71,16 @@ def log(*bodies: str) -> bytes:
 
 def frames(octets: bytes, base: int = 0, stamps: Sequence[int] | None = None) -> Frames:
     """The valid sentences of a piece, each with its line end."""
-    found = [match for match in _SENTENCE.finditer(octets) if int(match[1], 16) == reduce(lambda a, b: a ^ b, match[0][1:-3])]
+    found = [
+        match
+        for match in _SENTENCE.finditer(octets)
+        if int(match[1], 16) == reduce(lambda a, b: a ^ b, match[0][1:-3])
+    ]
     starts = np.array([match.start() for match in found], np.int64)
     lengths = np.array([len(match[0]) for match in found], np.int64)
-    used = np.array([len(match[0]) + 2 * octets.startswith(b"\r\n", match.end()) for match in found], np.int64)
+    used = np.array(
+        [len(match[0]) + 2 * octets.startswith(b"\r\n", match.end()) for match in found], np.int64
+    )
     received = np.full(starts.size, ABSENT_NS) if stamps is None else np.array(stamps, np.int64)
     return Frames(np.frombuffer(octets, np.uint8), starts, lengths, base, used, received)
 
@@ -79,10 +95,18 @@ def pieces(octets: bytes, cuts: Sequence[int]) -> Iterator[Frames]:
             begin = end
 
 
-def decode(parts: Sequence[Frames], source: str | None = None) -> tuple[list[Epochs], list[Rejects], NmeaDecoder]:
+def decode(
+    parts: Sequence[Frames], source: str | None = None
+) -> tuple[list[Epochs], list[Rejects], NmeaDecoder]:
     decoder = NmeaDecoder(DecoderOptions(source))
-    found: list[Any] = [item for part in parts for item in decoder.push(part)] + list(decoder.finish())
-    return [item for item in found if isinstance(item, Epochs)], [item for item in found if isinstance(item, Rejects)], decoder
+    found: list[Any] = [item for part in parts for item in decoder.push(part)] + list(
+        decoder.finish()
+    )
+    return (
+        [item for item in found if isinstance(item, Epochs)],
+        [item for item in found if isinstance(item, Rejects)],
+        decoder,
+    )
 
 
 def values(column: Any) -> list[Any]:
@@ -91,12 +115,17 @@ def values(column: Any) -> list[Any]:
         if column.words is not None:
             return [None if code < 0 else column.words[code] for code in column.values.tolist()]
         valid = np.ones(column.values.size, bool) if column.valid is None else column.valid
-        return [value if there else None for value, there in zip(column.values.tolist(), valid.tolist(), strict=True)]
+        return [
+            value if there else None
+            for value, there in zip(column.values.tolist(), valid.tolist(), strict=True)
+        ]
     return [None if value != value else value for value in np.asarray(column, float).tolist()]
 
 
 def rows(epochs: Sequence[Epochs], source: str, kind: str) -> list[dict[str, Any]]:
-    """All rows of a source and kind: their values, ``epoch`` over all, ``offset_ns`` and what the epoch claims."""
+    """All rows of a source and kind: their values, ``epoch`` over all, ``offset_ns`` and what the
+    epoch claims.
+    """
     found, before = [], 0
     for part in epochs:
         for table in part.rows:
@@ -105,7 +134,10 @@ def rows(epochs: Sequence[Epochs], source: str, kind: str) -> list[dict[str, Any
                 for place, epoch in enumerate(table.epoch.tolist()):
                     row = {name: column[place] for name, column in columns.items()}
                     row["epoch"] = before + epoch
-                    row["claimed_ns"], row["period_ns"] = int(part.claimed_ns[epoch]), int(part.period_ns[epoch])
+                    row["claimed_ns"], row["period_ns"] = (
+                        int(part.claimed_ns[epoch]),
+                        int(part.period_ns[epoch]),
+                    )
                     row["offset_ns"] = 0 if table.offset_ns is None else int(table.offset_ns[place])
                     found.append(row)
         before += part.offset.size

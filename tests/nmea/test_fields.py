@@ -16,13 +16,19 @@ from spoofbench_converters.nmea.sentences import KMH_MPS, KNOT_MPS
 from spoofbench_converters.stream.contract import ABSENT_NS
 
 NUMBERS = st.from_regex(r"\A[+-]?([0-9]{1,9}(\.[0-9]{0,6})?|\.[0-9]{1,6})\Z") | st.just("")
-NOT_NUMBERS = st.text(st.characters(codec="ascii", exclude_characters=",*$!", categories=("L", "N", "P", "S")), min_size=1, max_size=30)
+NOT_NUMBERS = st.text(
+    st.characters(codec="ascii", exclude_characters=",*$!", categories=("L", "N", "P", "S")),
+    min_size=1,
+    max_size=30,
+)
 
 
 def cells(texts: list[str]) -> fields.Cells:
     joined = ",".join(texts).encode() + b","
     lengths = np.array([len(text) for text in texts], np.int64)
-    return fields.Cells(np.frombuffer(joined, np.uint8), np.cumsum(lengths + 1) - lengths - 1, lengths)
+    return fields.Cells(
+        np.frombuffer(joined, np.uint8), np.cumsum(lengths + 1) - lengths - 1, lengths
+    )
 
 
 @given(st.lists(NUMBERS, min_size=1, max_size=20))
@@ -56,13 +62,18 @@ def test_times_of_day(times: list[tuple[Any, int]]) -> None:
     for time, decimals in times:
         micro = time.microsecond // 10 ** (6 - decimals) * 10 ** (6 - decimals)
         texts.append(f"{time:%H%M%S}" + (f".{micro:06d}"[: decimals + 1] if decimals else ""))
-        expected.append(((time.hour * 60 + time.minute) * 60 + time.second) * 10**9 + (micro * 1000 if decimals else 0))
+        expected.append(
+            ((time.hour * 60 + time.minute) * 60 + time.second) * 10**9
+            + (micro * 1000 if decimals else 0)
+        )
     value, readable = utc.time_of_day(cells(texts))
     assert readable.all()
     assert value.tolist() == expected
 
 
-@pytest.mark.parametrize("text", ["240001", "126000", "120061", "-10000", "12:00:00", "1e5", "120000.1234567890"])
+@pytest.mark.parametrize(
+    "text", ["240001", "126000", "120061", "-10000", "12:00:00", "1e5", "120000.1234567890"]
+)
 def test_what_is_no_time_of_day(text: str) -> None:
     assert not utc.time_of_day(cells([text]))[1][0]
 
@@ -109,7 +120,14 @@ def test_a_field_that_is_not_readable_rejects_its_sentence_alone(nmea: ModuleTyp
 
 
 PLACES = {  # of each column in the list of fields that pynmea2 gives, and its unit
-    "GGA": {"quality": 5, "num_sv": 6, "hdop": 7, "height_msl_m": 8, "separation_m": 10, "diff_age_s": 12},
+    "GGA": {
+        "quality": 5,
+        "num_sv": 6,
+        "hdop": 7,
+        "height_msl_m": 8,
+        "separation_m": 10,
+        "diff_age_s": 12,
+    },
     "RMC": {"speed_mps": (6, KNOT_MPS), "course_deg": 7},
     "GLL": {},
     "GST": {"sigma_n_m": 5, "sigma_e_m": 6, "sigma_d_m": 7},
@@ -131,11 +149,16 @@ def expected(said: Any, name: str) -> dict[str, float]:
         found[column] = np.nan if none else float(data[index]) * unit
     if name in ("GGA", "RMC", "GLL"):
         given = said.lat and said.lon
-        found |= {"lat_deg": said.latitude if given else np.nan, "lon_deg": said.longitude if given else np.nan}
+        found |= {
+            "lat_deg": said.latitude if given else np.nan,
+            "lon_deg": said.longitude if given else np.nan,
+        }
     return found
 
 
-def test_every_field_of_real_sentences_is_what_pynmea2_reads(real_log: Any, nmea: ModuleType) -> None:
+def test_every_field_of_real_sentences_is_what_pynmea2_reads(
+    real_log: Any, nmea: ModuleType
+) -> None:
     frames = nmea.frames(nmea.content(real_log)[:2_000_000])
     batch, _ = read_frames(frames, Addresses(), None)
     base = {int(offset): place for place, offset in enumerate(frames.offsets().tolist())}
@@ -151,17 +174,30 @@ def test_every_field_of_real_sentences_is_what_pynmea2_reads(real_log: Any, nmea
             for column, value in expected(pynmea2.parse(text), name).items():
                 found = float(table[column][row])
                 found = np.nan if column in COUNTS and found < 0 else found
-                np.testing.assert_allclose(found, value, rtol=1e-14, atol=1e-13, err_msg=f"{column} of {text}")
+                np.testing.assert_allclose(
+                    found, value, rtol=1e-14, atol=1e-13, err_msg=f"{column} of {text}"
+                )
 
 
 @settings(max_examples=50)
-@given(knots=st.decimals(0, 2000, places=3), kmh=st.decimals(0, 4000, places=1), course=st.decimals(0, 360, places=2))
-def test_of_speeds_the_finer_text_counts(nmea: ModuleType, knots: Any, kmh: Any, course: Any) -> None:
-    octets = nmea.log("GPRMC,120001,A,4717.11,N,00834.00,E,,,010120,,,A", f"GPVTG,{course},T,,M,{knots},N,{kmh},K,A")
+@given(
+    knots=st.decimals(0, 2000, places=3),
+    kmh=st.decimals(0, 4000, places=1),
+    course=st.decimals(0, 360, places=2),
+)
+def test_of_speeds_the_finer_text_counts(
+    nmea: ModuleType, knots: Any, kmh: Any, course: Any
+) -> None:
+    octets = nmea.log(
+        "GPRMC,120001,A,4717.11,N,00834.00,E,,,010120,,,A",
+        f"GPVTG,{course},T,,M,{knots},N,{kmh},K,A",
+    )
     epochs, _, _ = nmea.decode([nmea.frames(octets)])
     row = nmea.rows(epochs, "gnss0", "gnss/pvt")[0]
     assert row["speed_mps"] == float(knots) * KNOT_MPS
     assert row["course_deg"] == float(course)
-    octets = nmea.log("GPRMC,120001,A,4717.11,N,00834.00,E,1,,010120,,,A", f"GPVTG,,T,,M,1,N,{kmh},K,A")
+    octets = nmea.log(
+        "GPRMC,120001,A,4717.11,N,00834.00,E,1,,010120,,,A", f"GPVTG,,T,,M,1,N,{kmh},K,A"
+    )
     epochs, _, _ = nmea.decode([nmea.frames(octets)])
     assert nmea.rows(epochs, "gnss0", "gnss/pvt")[0]["speed_mps"] == float(kmh) * KMH_MPS

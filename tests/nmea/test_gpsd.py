@@ -10,17 +10,27 @@ import pytest
 from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS
 
 MS_NS = 1_000_000
-DEGREES, METRES, MPS = 2e-9, 0.06, 0.06  # gpsd writes nine decimals of a degree; speeds of VTG are finer than those of RMC
+DEGREES, METRES, MPS = (
+    2e-9,
+    0.06,
+    0.06,
+)  # gpsd writes nine decimals of a degree; speeds of VTG are finer than those of RMC
 
 
 def reports(path: Any) -> list[dict[str, Any]]:
     lines = path.read_text("latin1").splitlines()
     found = [json.loads(line) for line in lines if line.startswith('{"class":"TPV"')]
-    return [report for report in found if {"lat", "lon", "time"} <= report.keys() and report["mode"] >= 2]
+    return [
+        report
+        for report in found
+        if {"lat", "lon", "time"} <= report.keys() and report["mode"] >= 2
+    ]
 
 
 def test_solutions_are_those_of_gpsd(real_log: Any, nmea: ModuleType) -> None:
-    """Every fix of gpsd is an epoch here, and one of its speeds in it is ours: until a sentence gives one it derives its own."""
+    """Every fix of gpsd is an epoch here, and one of its speeds in it is ours: until a sentence
+    gives one it derives its own.
+    """
     checked = real_log.with_name(f"{real_log.name}.chk")
     octets = nmea.content(real_log)
     if not checked.exists() or b"\xb5\x62" in octets:
@@ -35,7 +45,12 @@ def test_solutions_are_those_of_gpsd(real_log: Any, nmea: ModuleType) -> None:
         time_ns = int(np.datetime64(report["time"].rstrip("Z"), "ns").astype(np.int64))
         rows = by_time[time_ns % DAY_NS // MS_NS]
         assert rows, report
-        row = min(rows, key=lambda row: abs(row["lat_deg"] - report["lat"]) + abs(row["lon_deg"] - report["lon"]))
+        row = min(
+            rows,
+            key=lambda row: (
+                abs(row["lat_deg"] - report["lat"]) + abs(row["lon_deg"] - report["lon"])
+            ),
+        )
         assert row["lat_deg"] == pytest.approx(report["lat"], abs=DEGREES), report
         assert row["lon_deg"] == pytest.approx(report["lon"], abs=DEGREES), report
         assert row["period_ns"] == DAY_NS or row["claimed_ns"] // MS_NS == time_ns // MS_NS, report

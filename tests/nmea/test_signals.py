@@ -10,18 +10,23 @@ from spoofbench_converters.nmea import satellites
 from spoofbench.schema.v1 import gnss_pb2 as enums
 
 GPS, SBAS, GALILEO, BEIDOU, QZSS, GLONASS = (
-    getattr(enums, f"CONSTELLATION_{name}") for name in ("GPS", "SBAS", "GALILEO", "BEIDOU", "QZSS", "GLONASS")
+    getattr(enums, f"CONSTELLATION_{name}")
+    for name in ("GPS", "SBAS", "GALILEO", "BEIDOU", "QZSS", "GLONASS")
 )
 
 
 @pytest.mark.parametrize(
     ("talker", "number", "constellation", "svid"),
     [
-        ("GP", 1, GPS, 1), ("GP", 32, GPS, 32), ("GP", 33, SBAS, 120), ("GP", 64, SBAS, 151), ("GP", 123, SBAS, 123),
-        ("GP", 75, GLONASS, 11), ("GP", 193, QZSS, 1), ("GL", 65, GLONASS, 1), ("GL", 88, GLONASS, 24),
+        ("GP", 1, GPS, 1), ("GP", 32, GPS, 32), ("GP", 33, SBAS, 120), ("GP", 64, SBAS, 151),
+        ("GP", 123, SBAS, 123),
+        ("GP", 75, GLONASS, 11), ("GP", 193, QZSS, 1), ("GL", 65, GLONASS, 1),
+        ("GL", 88, GLONASS, 24),
         ("GL", 5, GLONASS, 5), ("GA", 36, GALILEO, 36),
-        ("GA", 102, GALILEO, 2), ("GA", 301, GALILEO, 1), ("GB", 63, BEIDOU, 63), ("BD", 214, BEIDOU, 14), ("GB", 401, BEIDOU, 1),
-        ("GQ", 2, QZSS, 2), ("QZ", 193, QZSS, 1), ("GN", 211, BEIDOU, 11), ("GN", 301, GALILEO, 1), ("GN", 70, GLONASS, 6),
+        ("GA", 102, GALILEO, 2), ("GA", 301, GALILEO, 1), ("GB", 63, BEIDOU, 63),
+        ("BD", 214, BEIDOU, 14), ("GB", 401, BEIDOU, 1),
+        ("GQ", 2, QZSS, 2), ("QZ", 193, QZSS, 1), ("GN", 211, BEIDOU, 11), ("GN", 301, GALILEO, 1),
+        ("GN", 70, GLONASS, 6),
         ("GP", 999, GPS, 0), ("GN", 999, 0, 0), ("GA", 0, GALILEO, 0),
     ],
 )  # fmt: skip
@@ -32,14 +37,18 @@ def test_numbers_of_satellites(talker: str, number: int, constellation: int, svi
 
 
 def signals(nmea: ModuleType, *bodies: str) -> list[dict[str, Any]]:
-    epochs, _, _ = nmea.decode([nmea.frames(nmea.log("GNRMC,120000.00,A,4717.11,N,00834.00,E,,,010324,,,A", *bodies))])
+    epochs, _, _ = nmea.decode(
+        [nmea.frames(nmea.log("GNRMC,120000.00,A,4717.11,N,00834.00,E,,,010324,,,A", *bodies))]
+    )
     found: list[dict[str, Any]] = nmea.rows(epochs, "gnss0", "gnss/signal")
     return found
 
 
 @pytest.mark.parametrize("none", ["0", "00", ""])
 def test_a_satellite_not_received_has_no_cn0(none: str, nmea: ModuleType) -> None:
-    rows = signals(nmea, f"GPGSV,1,1,02,01,10,020,{none},02,11,030,35", f"PUBX,03,01,7,-,123,10,{none},000")
+    rows = signals(
+        nmea, f"GPGSV,1,1,02,01,10,020,{none},02,11,030,35", f"PUBX,03,01,7,-,123,10,{none},000"
+    )
     assert [(row["svid"], row["cn0_dbhz"]) for row in rows] == [(1, None), (2, 35.0), (7, None)]
 
 
@@ -55,8 +64,10 @@ def test_signal_ids_and_empty_fields(nmea: ModuleType) -> None:
         "GLGSV,1,1,01,70,50,092,31",
     )
     assert [(row["constellation"], row["svid"], row["signal"], row["cn0_dbhz"]) for row in rows] == [
-        (GPS, 1, "1C", 40.0), (GPS, 2, "1C", 35.0), (GPS, 3, "1C", None), (GPS, 4, "1C", None), (GPS, None, "1C", 30.0),
-        (GPS, 1, "2L", 38.0), (GALILEO, 5, "1X", 41.0), (BEIDOU, 6, "7I", 42.0), (BEIDOU, 19, None, 31.0), (GLONASS, 6, None, 31.0),
+        (GPS, 1, "1C", 40.0), (GPS, 2, "1C", 35.0), (GPS, 3, "1C", None), (GPS, 4, "1C", None),
+        (GPS, None, "1C", 30.0),
+        (GPS, 1, "2L", 38.0), (GALILEO, 5, "1X", 41.0), (BEIDOU, 6, "7I", 42.0),
+        (BEIDOU, 19, None, 31.0), (GLONASS, 6, None, 31.0),
     ]  # fmt: skip
     assert (rows[2]["elevation_deg"], rows[2]["azimuth_deg"]) == (0.0, 0.0)
     assert (rows[1]["elevation_deg"], rows[1]["azimuth_deg"]) == (None, None)
@@ -90,7 +101,10 @@ def test_residuals_find_their_satellites(nmea: ModuleType) -> None:
 
 def test_satellites_of_a_ublox_status(nmea: ModuleType) -> None:
     rows = signals(nmea, "PUBX,03,3,1,-,014,06,08,000,12,U,207,43,28,009,66,e,223,57,,064")
-    assert [(row["constellation"], row["svid"], row["used"], row["azimuth_deg"], row["cn0_dbhz"]) for row in rows] == [
+    assert [
+        (row["constellation"], row["svid"], row["used"], row["azimuth_deg"], row["cn0_dbhz"])
+        for row in rows
+    ] == [
         (GPS, 1, False, 14.0, 8.0),
         (GPS, 12, True, 207.0, 28.0),
         (GLONASS, 2, False, 223.0, None),
@@ -99,6 +113,10 @@ def test_satellites_of_a_ublox_status(nmea: ModuleType) -> None:
 
 def test_a_signal_is_once_in_an_epoch(nmea: ModuleType) -> None:
     body = "GPGSV,1,1,01,01,10,020,40,1"
-    epochs, rejects, _ = nmea.decode([nmea.frames(nmea.log("GPRMC,120000.00,A,4717.11,N,00834.00,E,,,010324,,,A", body, body))])
+    epochs, rejects, _ = nmea.decode(
+        [nmea.frames(nmea.log("GPRMC,120000.00,A,4717.11,N,00834.00,E,,,010324,,,A", body, body))]
+    )
     assert len(nmea.rows(epochs, "gnss0", "gnss/signal")) == 1
-    assert [(reject.reason, reject.offsets.size) for reject in rejects] == [("NMEA GSV: the same epoch again", 1)]
+    assert [(reject.reason, reject.offsets.size) for reject in rejects] == [
+        ("NMEA GSV: the same epoch again", 1)
+    ]

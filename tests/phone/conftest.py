@@ -17,11 +17,16 @@ GRAVITY_MPS2 = 9.80665
 
 RAW_HEADER = (
     "Raw,utcTimeMillis,TimeNanos,LeapSecond,TimeUncertaintyNanos,FullBiasNanos,BiasNanos,BiasUncertaintyNanos,DriftNanosPerSecond,"
-    "DriftUncertaintyNanosPerSecond,HardwareClockDiscontinuityCount,Svid,TimeOffsetNanos,State,ReceivedSvTimeNanos,"
-    "ReceivedSvTimeUncertaintyNanos,Cn0DbHz,PseudorangeRateMetersPerSecond,PseudorangeRateUncertaintyMetersPerSecond,"
-    "AccumulatedDeltaRangeState,AccumulatedDeltaRangeMeters,AccumulatedDeltaRangeUncertaintyMeters,CarrierFrequencyHz,CarrierCycles,"
+    "DriftUncertaintyNanosPerSecond,"
+    "HardwareClockDiscontinuityCount,Svid,TimeOffsetNanos,State,ReceivedSvTimeNanos,"
+    "ReceivedSvTimeUncertaintyNanos,"
+    "Cn0DbHz,PseudorangeRateMetersPerSecond,PseudorangeRateUncertaintyMetersPerSecond,"
+    "AccumulatedDeltaRangeState,"
+    "AccumulatedDeltaRangeMeters,"
+    "AccumulatedDeltaRangeUncertaintyMeters,CarrierFrequencyHz,CarrierCycles,"
     "CarrierPhase,CarrierPhaseUncertainty,MultipathIndicator,SnrInDb,ConstellationType,AgcDb,BasebandCn0DbHz,FullInterSignalBiasNanos,"
-    "FullInterSignalBiasUncertaintyNanos,SatelliteInterSignalBiasNanos,SatelliteInterSignalBiasUncertaintyNanos,CodeType,"
+    "FullInterSignalBiasUncertaintyNanos,"
+    "SatelliteInterSignalBiasNanos,SatelliteInterSignalBiasUncertaintyNanos,CodeType,"
     "ChipsetElapsedRealtimeNanos"
 )
 GNSSLOGGER_HEADER = f"""\
@@ -55,13 +60,17 @@ DriftUncertaintyNanosPerSecond,HardwareClockDiscontinuityCount,AgcDb,CarrierFreq
 
 
 class Motion:
-    """Where the phone is and what its sensors feel, seconds after the start: screen up, its top forward, turning left."""
+    """Where the phone is and what its sensors feel, seconds after the start: screen up, its top
+    forward, turning left.
+    """
 
     @staticmethod
     def position(time_s: float) -> tuple[float, float]:
         """Latitude and longitude in degrees."""
         radius, angle = SPEED_MPS / RATE_RADPS, RATE_RADPS * time_s
-        return 50.0 + radius * math.sin(angle) / 111_111, 8.0 + radius * (math.cos(angle) - 1) / 71_000
+        return 50.0 + radius * math.sin(angle) / 111_111, 8.0 + radius * (
+            math.cos(angle) - 1
+        ) / 71_000
 
     @staticmethod
     def course(time_s: float) -> float:
@@ -79,7 +88,9 @@ class Motion:
         return 0.001 * math.cos(time_s), 0.0, RATE_RADPS
 
 
-def ticks(rate_hz: int, delay_ns: int = 0, duration_s: int = DURATION_S) -> Iterator[tuple[float, int]]:
+def ticks(
+    rate_hz: int, delay_ns: int = 0, duration_s: int = DURATION_S
+) -> Iterator[tuple[float, int]]:
     """Yield seconds and Unix nanoseconds."""
     for tick in range(duration_s * rate_hz):
         nanoseconds = tick * 1_000_000_000 // rate_hz + delay_ns
@@ -91,7 +102,9 @@ def row(*cells: object) -> str:
     return ",".join(repr(cell) if isinstance(cell, float) else str(cell) for cell in cells) + "\n"
 
 
-def gnsslogger_lines(gnss_behind_ns: int = 980_000_000, duration_s: int = DURATION_S) -> Iterator[tuple[int, str]]:
+def gnsslogger_lines(
+    gnss_behind_ns: int = 980_000_000, duration_s: int = DURATION_S
+) -> Iterator[tuple[int, str]]:
     """Yield ``(time_ns, line)`` of a log whose GNSS time is behind the phone's clock."""
     for time_s, unix in ticks(RATE_HZ, 0, duration_s):
         elapsed, milli = unix - BOOT_NS, unix // 1_000_000
@@ -110,23 +123,117 @@ def _gnss_lines(time_s: float, unix: int, behind_ns: int) -> Iterator[tuple[int,
     lat, lon = Motion.position(time_s)
     late = unix + 300_000_000
     bearing = "" if time_s == 3 else Motion.course(time_s)
-    yield late, row("Fix", "GPS", lat, lon, 105.5, SPEED_MPS, 3.5, bearing, claimed, 0.2, 1.5, elapsed, 2.5, 0)
+    yield (
+        late,
+        row(
+            "Fix",
+            "GPS",
+            lat,
+            lon,
+            105.5,
+            SPEED_MPS,
+            3.5,
+            bearing,
+            claimed,
+            0.2,
+            1.5,
+            elapsed,
+            2.5,
+            0,
+        ),
+    )
     yield (
         late + 1,
-        row("Fix", "FLP", lat, lon, 105.5, SPEED_MPS, 4.5, Motion.course(time_s), unix // 1_000_000, "", "", elapsed + 5, 2.5, 0),
+        row(
+            "Fix",
+            "FLP",
+            lat,
+            lon,
+            105.5,
+            SPEED_MPS,
+            4.5,
+            Motion.course(time_s),
+            unix // 1_000_000,
+            "",
+            "",
+            elapsed + 5,
+            2.5,
+            0,
+        ),
     )
     if time_s % 10 == 0:
-        yield late + 2, row("Fix", "NLP", lat + 0.001, lon, 105.5, "", 45.0, "", unix // 1_000_000, "", "", elapsed + 9, 9.5, 0)
+        yield (
+            late + 2,
+            row(
+                "Fix",
+                "NLP",
+                lat + 0.001,
+                lon,
+                105.5,
+                "",
+                45.0,
+                "",
+                unix // 1_000_000,
+                "",
+                "",
+                elapsed + 9,
+                9.5,
+                0,
+            ),
+        )
         yield late + 3, row("Nav", 3, 257, 1, -1, 2, *(octet - 128 for octet in range(40)))
     nanos = round(time_s) * 1_000_000_000 + 77
     bias = nanos - (claimed * 1_000_000 - 315_964_800_000_000_000 + 18_000_000_000)
     clock = (nanos, 18, "", bias, 0.25, 8.0, 300.5, 1.5, 3)
-    for index, (svid, constellation, hertz, code) in enumerate(((5, 1, 1575420030.0, "C"), (25, 6, 1176450050.0, "Q"))):
+    for index, (svid, constellation, hertz, code) in enumerate(
+        ((5, 1, 1575420030.0, "C"), (25, 6, 1176450050.0, "Q"))
+    ):
         flight = 70_000_000 + 1000 * round(time_s) + index
         sent = (nanos - bias - flight) % (7 * 86_400_000_000_000)
-        measured = (svid, 0.0, 16431, sent, 20, 41.5, -123.25, 0.15, 1, -500.0 - time_s, 0.01, hertz, "", "", "", 0, "", constellation, "")
-        yield late + 4, row("Raw", claimed, *clock, *measured, 37.0, 0.0, 0.0, 0.0, 0.0, code, elapsed)
-        yield late + 6, row("Status", claimed - 1000, 2, index, constellation, svid, hertz, 41.5, 120.0, 45.0, 1, 1, 1, 37.0)
+        measured = (
+            svid,
+            0.0,
+            16431,
+            sent,
+            20,
+            41.5,
+            -123.25,
+            0.15,
+            1,
+            -500.0 - time_s,
+            0.01,
+            hertz,
+            "",
+            "",
+            "",
+            0,
+            "",
+            constellation,
+            "",
+        )
+        yield (
+            late + 4,
+            row("Raw", claimed, *clock, *measured, 37.0, 0.0, 0.0, 0.0, 0.0, code, elapsed),
+        )
+        yield (
+            late + 6,
+            row(
+                "Status",
+                claimed - 1000,
+                2,
+                index,
+                constellation,
+                svid,
+                hertz,
+                41.5,
+                120.0,
+                45.0,
+                1,
+                1,
+                1,
+                37.0,
+            ),
+        )
     yield late + 5, row("Agc", claimed, *clock, 20.5, 1575420030.0, 1)
 
 
@@ -144,30 +251,59 @@ def gnsslogger() -> Callable[..., bytes]:
 def sensor_logger_tables(platform: str, standardised: bool = False) -> Iterator[tuple[str, str]]:
     """Yield ``(name, text)`` of a Sensor Logger recording's files; the first fix is an old one."""
     sign, unit = (-1.0, 1 / GRAVITY_MPS2) if platform == "ios" and not standardised else (1.0, 1.0)
-    tables: dict[str, list[str]] = {name: [] for name in ("Accelerometer", "Gravity", "Gyroscope", "AccelerometerUncalibrated", "Location")}
+    tables: dict[str, list[str]] = {
+        name: []
+        for name in (
+            "Accelerometer",
+            "Gravity",
+            "Gyroscope",
+            "AccelerometerUncalibrated",
+            "Location",
+        )
+    }
     for time_s, unix in ticks(RATE_HZ):
         x, y, z = (sign * value for value in Motion.force(time_s))
         a, b, c = Motion.rate(time_s)
         tables["Accelerometer"].append(row(unix, time_s, z - sign * GRAVITY_MPS2, y, x))
         tables["Gravity"].append(row(unix, time_s, sign * GRAVITY_MPS2, 0.0, 0.0))
         tables["Gyroscope"].append(row(unix, time_s, c, b, a))
-        tables["AccelerometerUncalibrated"].append(row(unix + 999, time_s, z * unit, y * unit, x * unit))
+        tables["AccelerometerUncalibrated"].append(
+            row(unix + 999, time_s, z * unit, y * unit, x * unit)
+        )
     lat, lon = Motion.position(0)
     tables["Location"].append(row(START_NS - 108_000_000_000, -108.0, -1, -1, lat, 105.5, 3.5, lon))
     for time_s, unix in ticks(1):
         lat, lon = Motion.position(time_s)
-        tables["Location"].append(row(unix, time_s, -1 if time_s == 3 else Motion.course(time_s), SPEED_MPS, lat, 105.5, 3.5, lon))
+        tables["Location"].append(
+            row(
+                unix,
+                time_s,
+                -1 if time_s == 3 else Motion.course(time_s),
+                SPEED_MPS,
+                lat,
+                105.5,
+                3.5,
+                lon,
+            )
+        )
     yield (
         "Metadata.csv",
-        "version,device name,platform,appVersion,standardisation\n" + f"3,Phone,{platform},1.49,{str(standardised).lower()}",
+        "version,device name,platform,appVersion,standardisation\n"
+        f"3,Phone,{platform},1.49,{str(standardised).lower()}",
     )
     yield "Annotation.csv", 'time,seconds_elapsed,text\n1,2,"a, b\nc"\n'
     for name, rows in tables.items():
-        columns = "bearing,speed,latitude,altitude,horizontalAccuracy,longitude" if name == "Location" else "z,y,x"
+        columns = (
+            "bearing,speed,latitude,altitude,horizontalAccuracy,longitude"
+            if name == "Location"
+            else "z,y,x"
+        )
         yield f"{name}.csv", f"time,seconds_elapsed,{columns}\n" + "".join(rows)
 
 
-def phyphox_tables(delimiter: str = ",", comma: bool = False, paused_s: float = 20.0) -> Iterator[tuple[str, str]]:
+def phyphox_tables(
+    delimiter: str = ",", comma: bool = False, paused_s: float = 20.0
+) -> Iterator[tuple[str, str]]:
     """Yield ``(name, text)`` of a phyphox export, paused for 1000 s."""
 
     def line(*values: float) -> str:
@@ -184,8 +320,14 @@ def phyphox_tables(delimiter: str = ",", comma: bool = False, paused_s: float = 
     for time_s, _ in ticks(1):
         lat, lon = Motion.position(time_s)
         location.append(line(time_s, lat, lon, 105.5, SPEED_MPS, Motion.course(time_s), 3.5, 2.5))
-    yield "Accelerometer.csv", header("Time (s)", *(f"Acceleration {axis} (m/s^2)" for axis in "xyz")) + "".join(accel)
-    yield "Gyroscope.csv", header("Time (s)", *(f"Gyroscope {axis} (rad/s)" for axis in "xyz")) + "".join(gyro)
+    yield (
+        "Accelerometer.csv",
+        header("Time (s)", *(f"Acceleration {axis} (m/s^2)" for axis in "xyz")) + "".join(accel),
+    )
+    yield (
+        "Gyroscope.csv",
+        header("Time (s)", *(f"Gyroscope {axis} (rad/s)" for axis in "xyz")) + "".join(gyro),
+    )
     names = (
         "Latitude (°)",
         "Longitude (°)",
@@ -197,7 +339,11 @@ def phyphox_tables(delimiter: str = ",", comma: bool = False, paused_s: float = 
     )
     yield "Location.csv", header("Time (s)", *names) + "".join(location)
     start = START_NS / 1e9
-    events = [("START", 0.0, start), ("PAUSE", paused_s, start + paused_s), ("START", paused_s, start + paused_s + 1000)]
+    events = [
+        ("START", 0.0, start),
+        ("PAUSE", paused_s, start + paused_s),
+        ("START", paused_s, start + paused_s + 1000),
+    ]
     text = header("event", "experiment time", "system time", "system time text")
     for event, experiment, system in events:
         number = (f"{experiment:.9E}", f"{system:.3f}")
@@ -207,11 +353,40 @@ def phyphox_tables(delimiter: str = ",", comma: bool = False, paused_s: float = 
 
 
 def sensorlog_table(held: bool = False) -> str:
-    """Return a SensorLog table: sparse as of old versions, or with units and values held as of new ones."""
-    names = ["loggingTime", "locationTimestamp_since1970", "locationLatitude", "locationLongitude", "locationSpeed", "locationCourse"]
-    names += ["locationHorizontalAccuracy", "accelerometerTimestamp_sinceReboot", *(f"accelerometerAcceleration{axis}" for axis in "XYZ")]
+    """Return a SensorLog table: sparse as of old versions, or with units and values held as of new
+    ones.
+    """
+    names = [
+        "loggingTime",
+        "locationTimestamp_since1970",
+        "locationLatitude",
+        "locationLongitude",
+        "locationSpeed",
+        "locationCourse",
+    ]
+    names += [
+        "locationHorizontalAccuracy",
+        "accelerometerTimestamp_sinceReboot",
+        *(f"accelerometerAcceleration{axis}" for axis in "XYZ"),
+    ]
     names += ["gyroTimestamp_sinceReboot", *(f"gyroRotation{axis}" for axis in "XYZ")]
-    units = ["txt", "s", "WGS84", "WGS84", "m/s", "°", "m", "s", "G", "G", "G", "s", "rad/s", "rad/s", "rad/s"]
+    units = [
+        "txt",
+        "s",
+        "WGS84",
+        "WGS84",
+        "m/s",
+        "°",
+        "m",
+        "s",
+        "G",
+        "G",
+        "G",
+        "s",
+        "rad/s",
+        "rad/s",
+        "rad/s",
+    ]
     header = [f"{name}({unit})" for name, unit in zip(names, units, strict=True)] if held else names
     lines, last = [",".join(header)], [""] * 6
     for tick, (time_s, unix) in enumerate(ticks(RATE_HZ)):
@@ -219,7 +394,14 @@ def sensorlog_table(held: bool = False) -> str:
         if tick % RATE_HZ == 0:
             lat, lon = Motion.position(time_s)
             course = -1 if time_s == 3 else Motion.course(time_s)
-            location = [f"{unix / 1e9:.6f}", repr(lat), repr(lon), repr(SPEED_MPS), repr(course), "5"]
+            location = [
+                f"{unix / 1e9:.6f}",
+                repr(lat),
+                repr(lon),
+                repr(SPEED_MPS),
+                repr(course),
+                "5",
+            ]
             last = list(location)
         location = last if held else location
         boot = (unix - BOOT_NS) / 1e9
@@ -250,7 +432,11 @@ def sensor_logger(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Pat
 
     def make(platform: str = "ios", standardised: bool = False) -> Path:
         name = f"{platform}{standardised}.zip"
-        return zipped(tmp_path_factory.mktemp("sensorlogger") / name, sensor_logger_tables(platform, standardised), "2024-01-01/")
+        return zipped(
+            tmp_path_factory.mktemp("sensorlogger") / name,
+            sensor_logger_tables(platform, standardised),
+            "2024-01-01/",
+        )
 
     return make
 
@@ -260,7 +446,9 @@ def phyphox(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Make a phyphox zip archive."""
 
     def make(delimiter: str = ",", comma: bool = False) -> Path:
-        return zipped(tmp_path_factory.mktemp("phyphox") / "export.zip", phyphox_tables(delimiter, comma))
+        return zipped(
+            tmp_path_factory.mktemp("phyphox") / "export.zip", phyphox_tables(delimiter, comma)
+        )
 
     return make
 

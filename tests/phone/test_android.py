@@ -15,16 +15,39 @@ from spoofbench.testing.converter_subject import outcome
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 DAY_NS, WEEK_NS, LEAP_S = 86_400 * 10**9, 604_800 * 10**9, 18
 GPS_NS = 1_384_035_218_000_000_000  # a Wednesday
-CODE, TOW_DECODED, AMBIGUOUS, TOD_DECODED, E1C, TOW_KNOWN, TOD_KNOWN = 1, 8, 16, 128, 2048, 16384, 32768
+CODE, TOW_DECODED, AMBIGUOUS, TOD_DECODED, E1C, TOW_KNOWN, TOD_KNOWN = (
+    1,
+    8,
+    16,
+    128,
+    2048,
+    16384,
+    32768,
+)
 
 
 def measured(folder: Path, header: str, rows: list[dict[str, object]]) -> Table:
     """Convert raw measurements, each of these columns, and return the rows in their order."""
-    names = next(line for line in header.splitlines() if line.startswith("# Raw,")).removeprefix("# Raw,").split(",")
-    clock = {"utcTimeMillis": 1_700_000_000_000, "TimeNanos": 0, "FullBiasNanos": -GPS_NS, "BiasNanos": 0.0, "LeapSecond": LEAP_S}
+    names = (
+        next(line for line in header.splitlines() if line.startswith("# Raw,"))
+        .removeprefix("# Raw,")
+        .split(",")
+    )
+    clock = {
+        "utcTimeMillis": 1_700_000_000_000,
+        "TimeNanos": 0,
+        "FullBiasNanos": -GPS_NS,
+        "BiasNanos": 0.0,
+        "LeapSecond": LEAP_S,
+    }
     lines = []
     for row in rows:
-        cells = {**clock, "TimeOffsetNanos": 0.0, "ChipsetElapsedRealtimeNanos": 5_000_000_000, **row}
+        cells = {
+            **clock,
+            "TimeOffsetNanos": 0.0,
+            "ChipsetElapsedRealtimeNanos": 5_000_000_000,
+            **row,
+        }
         lines.append(",".join(["Raw", *(str(cells.get(name, "")) for name in names)]))
     (folder / "log").write_text(header + "\n".join(lines) + "\n")
     return outcome(phone, folder / "log", {}).tables["/gnss0/gnss/observation"]
@@ -32,7 +55,9 @@ def measured(folder: Path, header: str, rows: list[dict[str, object]]) -> Table:
 
 @pytest.fixture(scope="module")
 def header(gnsslogger: Callable[..., bytes]) -> str:
-    return "".join(line for line in gnsslogger().decode().splitlines(keepends=True) if line.startswith("#"))
+    return "".join(
+        line for line in gnsslogger().decode().splitlines(keepends=True) if line.startswith("#")
+    )
 
 
 @pytest.mark.parametrize(
@@ -52,10 +77,20 @@ def header(gnsslogger: Callable[..., bytes]) -> str:
 )
 @pytest.mark.parametrize("since_rollover_ns", [None, 40_000_000])
 def test_a_pseudorange_is_the_time_of_flight(
-    tmp_path: Path, header: str, constellation: int, state: int, system_ns: int, period_ns: int, since_rollover_ns: int | None
+    tmp_path: Path,
+    header: str,
+    constellation: int,
+    state: int,
+    system_ns: int,
+    period_ns: int,
+    since_rollover_ns: int | None,
 ) -> None:
     """Also where the satellite sent before its week or day ended, and the phone received after."""
-    gps = GPS_NS if since_rollover_ns is None else (GPS_NS // period_ns + 1) * period_ns - system_ns + since_rollover_ns
+    gps = (
+        GPS_NS
+        if since_rollover_ns is None
+        else (GPS_NS // period_ns + 1) * period_ns - system_ns + since_rollover_ns
+    )
     flight = 71_234_567
     row = {
         "FullBiasNanos": -gps,
@@ -65,7 +100,9 @@ def test_a_pseudorange_is_the_time_of_flight(
         "ReceivedSvTimeNanos": (gps + system_ns - flight) % period_ns,
     }
     found = measured(tmp_path, header, [row])
-    np.testing.assert_allclose(found["pseudorange_m"], flight * 1e-9 * SPEED_OF_LIGHT_MPS, rtol=1e-12)
+    np.testing.assert_allclose(
+        found["pseudorange_m"], flight * 1e-9 * SPEED_OF_LIGHT_MPS, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -81,8 +118,15 @@ def test_a_pseudorange_is_the_time_of_flight(
         {"State": CODE | TOW_DECODED, "ConstellationType": 3},
     ],
 )
-def test_an_ambiguous_time_gives_no_pseudorange(tmp_path: Path, header: str, change: dict[str, object]) -> None:
-    row = {"ConstellationType": 1, "Svid": 5, "State": CODE | TOW_DECODED, "ReceivedSvTimeNanos": (GPS_NS - 70_000_000) % WEEK_NS}
+def test_an_ambiguous_time_gives_no_pseudorange(
+    tmp_path: Path, header: str, change: dict[str, object]
+) -> None:
+    row = {
+        "ConstellationType": 1,
+        "Svid": 5,
+        "State": CODE | TOW_DECODED,
+        "ReceivedSvTimeNanos": (GPS_NS - 70_000_000) % WEEK_NS,
+    }
     found = measured(tmp_path, header, [row, {**row, **change}])
     assert np.isnan(found["pseudorange_m"]).tolist() == [False, True]
 
@@ -111,21 +155,42 @@ def test_an_ambiguous_time_gives_no_pseudorange(tmp_path: Path, header: str, cha
     ],
 )
 def test_satellites_and_signals(
-    tmp_path: Path, header: str, constellation: int, svid: object, hertz: object, code: str, expected: tuple[object, ...]
+    tmp_path: Path,
+    header: str,
+    constellation: int,
+    svid: object,
+    hertz: object,
+    code: str,
+    expected: tuple[object, ...],
 ) -> None:
-    row = {"ConstellationType": constellation, "Svid": svid, "CarrierFrequencyHz": hertz, "CodeType": code}
+    row = {
+        "ConstellationType": constellation,
+        "Svid": svid,
+        "CarrierFrequencyHz": hertz,
+        "CodeType": code,
+    }
     found = measured(tmp_path, header, [row])
-    values = [found[name][0] if found.valid(name)[0] else None for name in ("constellation", "svid", "frequency_slot")]
+    values = [
+        found[name][0] if found.valid(name)[0] else None
+        for name in ("constellation", "svid", "frequency_slot")
+    ]
     assert (values[0], values[1], found.words("signal")[0], values[2]) == expected
 
 
 def test_a_phase_counts_only_where_it_is_valid(tmp_path: Path, header: str) -> None:
-    row: dict[str, object] = {"ConstellationType": 1, "CarrierFrequencyHz": 1575420000.0, "AccumulatedDeltaRangeMeters": 190.29}
+    row: dict[str, object] = {
+        "ConstellationType": 1,
+        "CarrierFrequencyHz": 1575420000.0,
+        "AccumulatedDeltaRangeMeters": 190.29,
+    }
     states = [0, 1, 16, 1 | 4, 1 | 2]
     largest = 340282346638528860000000000000000000000
     states_by_svid = dict(enumerate(states, 5))
     row["AccumulatedDeltaRangeUncertaintyMeters"] = largest
-    rows = [{**row, "Svid": svid, "AccumulatedDeltaRangeState": state} for svid, state in states_by_svid.items()]
+    rows = [
+        {**row, "Svid": svid, "AccumulatedDeltaRangeState": state}
+        for svid, state in states_by_svid.items()
+    ]
     found = measured(tmp_path, header, rows)
     assert np.isnan(found["carrier_cycles"]).tolist() == [True, False, True, False, False]
     assert found["carrier_cycles"][1] == pytest.approx(190.29 * 1575.42e6 / SPEED_OF_LIGHT_MPS)
@@ -133,5 +198,10 @@ def test_a_phase_counts_only_where_it_is_valid(tmp_path: Path, header: str) -> N
 
 
 def test_every_constellation_is_one_of_the_schema() -> None:
-    known = {value.number for value in KINDS["gnss/observation"].message.fields_by_name["constellation"].enum_type.values}
+    known = {
+        value.number
+        for value in KINDS["gnss/observation"]
+        .message.fields_by_name["constellation"]
+        .enum_type.values
+    }
     assert set(android.SCHEMA_CONSTELLATION.tolist()) <= known

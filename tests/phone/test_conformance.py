@@ -1,4 +1,6 @@
-"""The contract of converters, on a log of each shape: mixed lines, one wide table, an archive of tables."""
+"""The contract of converters, on a log of each shape: mixed lines, one wide table, an archive of
+tables.
+"""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""Real logs: what their manifest says of them comes out, and signs and clocks agree with the motion."""
+"""Real logs: what their manifest says of them comes out, and signs and clocks agree with the
+motion.
+"""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +16,9 @@ Floats = np.ndarray[Any, np.dtype[np.float64]]
 
 
 class Expected(NamedTuple):
-    """Of the first receiver: seconds, metres, m/s; and the least correlation of turning about the vertical with the course's."""
+    """Of the first receiver: seconds, metres, m/s; and the least correlation of turning about the
+    vertical with the course's.
+    """
 
     duration_s: float
     distance_m: float
@@ -58,17 +62,23 @@ def test_the_track_is_that_of_the_manifest(log: tuple[Expected, Outcome]) -> Non
 def test_specific_force_is_gravity_on_the_whole(log: tuple[Expected, Outcome]) -> None:
     for topic, table in log[1].tables.items():
         if topic.endswith("/imu") and table.has("accel_x_mps2"):
-            assert np.median(np.linalg.norm(_vectors(table, "accel_{}_mps2")[1], axis=1)) == pytest.approx(9.81, abs=0.35)
+            assert np.median(
+                np.linalg.norm(_vectors(table, "accel_{}_mps2")[1], axis=1)
+            ) == pytest.approx(9.81, abs=0.35)
 
 
 def test_turning_agrees_with_the_course(log: tuple[Expected, Outcome]) -> None:
-    """Within a lag of 2.5 s: phones' location is late. About up, given by the specific force smoothed over 2 s."""
+    """Within a lag of 2.5 s: phones' location is late. About up, given by the specific force
+    smoothed over 2 s.
+    """
     expected, found = log
     imu, pvt = found.tables["/imu0/imu"], found.tables["/gnss0/gnss/pvt"]
     force_ns, force = _vectors(imu, "accel_{}_mps2")
     rate_ns, rate = _vectors(imu, "gyro_{}_radps")
     window = np.ones(round(2e9 / float(np.median(np.diff(force_ns)))))
-    up = np.stack([np.interp(rate_ns, force_ns, np.convolve(axis, window, "same")) for axis in force.T], 1)
+    up = np.stack(
+        [np.interp(rate_ns, force_ns, np.convolve(axis, window, "same")) for axis in force.T], 1
+    )
     clockwise = -(rate * up).sum(axis=1) / np.linalg.norm(up, axis=1)
     turned = np.concatenate([[0.0], np.cumsum(clockwise[1:] * np.diff(rate_ns) / 1e9)])
     seconds = np.diff(pvt.time_ns) / 1e9
@@ -97,8 +107,13 @@ def test_android_attitude_agrees_with_the_specific_force(shared: Path) -> None:
 
 
 def test_two_phones_of_one_play_agree_in_their_measurements(shared: Path) -> None:
-    """Both saw the same satellites in the same seconds, metres apart: pseudoranges differ by the clocks alone."""
-    first, second = (Recording(outcome(phone, shared / f"gl_{name}.txt", {}).tables) for name in ("pixel6_163232", "pixel7_163231"))
+    """Both saw the same satellites in the same seconds, metres apart: pseudoranges differ by the
+    clocks alone.
+    """
+    first, second = (
+        Recording(outcome(phone, shared / f"gl_{name}.txt", {}).tables)
+        for name in ("pixel6_163232", "pixel7_163231")
+    )
     ranges = [_ranges(recording["/gnss0/gnss/observation"]) for recording in (first, second)]
     common = sorted(ranges[0].keys() & ranges[1].keys())
     assert len(common) > 15
@@ -107,15 +122,24 @@ def test_two_phones_of_one_play_agree_in_their_measurements(shared: Path) -> Non
 
 
 def test_the_clocks_of_the_two_phones(shared: Path) -> None:
-    """The manifest: the Pixel 6's GNSS time is 0.98 s behind its own clock, the Pixel 7's within 0.02 s of it."""
-    behind = [outcome(phone, shared / f"gl_{name}.txt", {}).tables["/gnss0/gnss/clock"] for name in ("pixel6_163232", "pixel7_163231")]
+    """The manifest: the Pixel 6's GNSS time is 0.98 s behind its own clock, the Pixel 7's within
+    0.02 s of it.
+    """
+    behind = [
+        outcome(phone, shared / f"gl_{name}.txt", {}).tables["/gnss0/gnss/clock"]
+        for name in ("pixel6_163232", "pixel7_163231")
+    ]
     assert np.median(behind[0]["host_offset_s"]) == pytest.approx(-0.97, abs=0.02)
     assert np.median(behind[1]["host_offset_s"]) == pytest.approx(0.0, abs=0.02)
 
 
 def _ranges(table: Table) -> dict[tuple[int, int, str], float]:
-    rows = table.take(np.flatnonzero((table.time_ns == table.time_ns[0]) & ~np.isnan(table["pseudorange_m"])))
-    keys = zip(rows["constellation"].tolist(), rows["svid"].tolist(), rows.words("signal"), strict=True)
+    rows = table.take(
+        np.flatnonzero((table.time_ns == table.time_ns[0]) & ~np.isnan(table["pseudorange_m"]))
+    )
+    keys = zip(
+        rows["constellation"].tolist(), rows["svid"].tolist(), rows.words("signal"), strict=True
+    )
     return dict(zip(keys, rows["pseudorange_m"].tolist(), strict=True))
 
 

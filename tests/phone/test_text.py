@@ -13,9 +13,12 @@ from spoofbench_converters.phone.lines import Cells, Lines
 
 from spoofbench.converting import Reject
 
-logs = st.lists(st.sampled_from([b"a,b\n", b"1,2\r\n", b"\n", b"\xef\xbb\xbf", b"x" * 70_000, b"\x00", b'"q,\n', b"end"]), max_size=12).map(
-    b"".join
-)
+logs = st.lists(
+    st.sampled_from(
+        [b"a,b\n", b"1,2\r\n", b"\n", b"\xef\xbb\xbf", b"x" * 70_000, b"\x00", b'"q,\n', b"end"]
+    ),
+    max_size=12,
+).map(b"".join)
 
 
 class Trickle(io.BytesIO):
@@ -32,8 +35,17 @@ def read(log: bytes, stream: type[io.BytesIO] = io.BytesIO) -> list[tuple[int, i
         if isinstance(item, Reject):
             found.append((item.offset, item.length, item.reason))
         else:
-            places = zip(item.offsets.tolist(), item.lengths.tolist(), item.starts.tolist(), item.ends.tolist(), strict=True)
-            found += [(offset, length, item.octets[start:end].tobytes()) for offset, length, start, end in places]
+            places = zip(
+                item.offsets.tolist(),
+                item.lengths.tolist(),
+                item.starts.tolist(),
+                item.ends.tolist(),
+                strict=True,
+            )
+            found += [
+                (offset, length, item.octets[start:end].tobytes())
+                for offset, length, start, end in places
+            ]
     return sorted(found, key=lambda line: line[0])
 
 
@@ -50,19 +62,32 @@ def test_every_byte_is_in_one_line_or_reject_however_it_is_read(log: bytes, piec
         assert offset == position
         position += length
         if isinstance(text, bytes):
-            assert log[offset : offset + length].removeprefix(lines.BOM if offset == 0 else b"").rstrip(b"\r\n") == text.rstrip(b"\r")
+            assert log[offset : offset + length].removeprefix(
+                lines.BOM if offset == 0 else b""
+            ).rstrip(b"\r\n") == text.rstrip(b"\r")
     assert position == len(log)
 
 
 @settings(max_examples=100, deadline=None)
-@given(rows=st.lists(st.lists(st.text("ab,1. -", max_size=5), min_size=2, max_size=4), min_size=1, max_size=5))
+@given(
+    rows=st.lists(
+        st.lists(st.text("ab,1. -", max_size=5), min_size=2, max_size=4), min_size=1, max_size=5
+    )
+)
 def test_cells_are_those_of_the_csv_module(rows: list[list[str]]) -> None:
     text = io.StringIO()
     csv.writer(text, quoting=csv.QUOTE_ALL, lineterminator="\n").writerows(rows)
-    piece = next(item for item in lines.read_lines(io.BytesIO(text.getvalue().encode())) if isinstance(item, Lines))
+    piece = next(
+        item
+        for item in lines.read_lines(io.BytesIO(text.getvalue().encode()))
+        if isinstance(item, Lines)
+    )
     found = lines.split(piece)
     assert found.widths.tolist() == [len(row) for row in rows]
-    cells = [found.lines.octets[start:end].tobytes().decode() for start, end in zip(found.starts, found.ends, strict=True)]
+    cells = [
+        found.lines.octets[start:end].tobytes().decode()
+        for start, end in zip(found.starts, found.ends, strict=True)
+    ]
     assert cells == [cell for row in rows for cell in row]
 
 
@@ -86,7 +111,11 @@ NONSENSE = ["x1", "1.2.3", "--1", "1e", "9" * 60]
 
 
 @settings(max_examples=150, deadline=None)
-@given(texts=st.lists(st.one_of(decimals, st.sampled_from(["", "null", "NaN", *NONSENSE])), min_size=1, max_size=8))
+@given(
+    texts=st.lists(
+        st.one_of(decimals, st.sampled_from(["", "null", "NaN", *NONSENSE])), min_size=1, max_size=8
+    )
+)
 def test_floats_are_those_of_python(texts: list[str]) -> None:
     values, bad = parsing.floats(column(texts))
     for text, value, wrong in zip(texts, values.tolist(), bad.tolist(), strict=True):
@@ -105,23 +134,35 @@ def test_floats_are_those_of_python(texts: list[str]) -> None:
 @given(texts=st.lists(decimals, min_size=1, max_size=8))
 def test_scaled_numbers_are_exact(texts: list[str], places: int) -> None:
     values, present, bad = parsing.scaled(column(texts), places)
-    for text, value, known, wrong in zip(texts, values.tolist(), present.tolist(), bad.tolist(), strict=True):
+    for text, value, known, wrong in zip(
+        texts, values.tolist(), present.tolist(), bad.tolist(), strict=True
+    ):
         exact = Decimal(text).scaleb(places)
         if abs(exact) < 2**62:
             assert known
             assert not wrong
-            assert abs(exact - value) <= Decimal("0.5") + (abs(exact) * Decimal("1e-15") if "e" in text.lower() else 0)
+            assert abs(exact - value) <= Decimal("0.5") + (
+                abs(exact) * Decimal("1e-15") if "e" in text.lower() else 0
+            )
             if "e" not in text.lower():
                 assert value == int(abs(exact).quantize(Decimal(1), ROUND_HALF_UP).copy_sign(exact))
 
 
 @settings(max_examples=150, deadline=None)
-@given(texts=st.lists(st.text("0123456789.-+,x\0 \xff", max_size=6), min_size=1, max_size=8), places=st.integers(0, 3))
+@given(
+    texts=st.lists(st.text("0123456789.-+,x\0 \xff", max_size=6), min_size=1, max_size=8),
+    places=st.integers(0, 3),
+)
 def test_what_is_no_number_is_told(texts: list[str], places: int) -> None:
     numbers, scaled = parsing.floats(column(texts)), parsing.scaled(column(texts), places)
     assert scaled.bad.tolist() == numbers.bad.tolist()
     assert scaled.present.tolist() == (~np.isnan(numbers.values)).tolist()
-    np.testing.assert_allclose(scaled.values[scaled.present], numbers.values[scaled.present] * 10**places, rtol=0, atol=0.500001)
+    np.testing.assert_allclose(
+        scaled.values[scaled.present],
+        numbers.values[scaled.present] * 10**places,
+        rtol=0,
+        atol=0.500001,
+    )
 
 
 def test_the_largest_numbers() -> None:
@@ -133,7 +174,15 @@ def test_the_largest_numbers() -> None:
 
 
 def test_a_number_of_nanoseconds_is_read_to_its_last_digit() -> None:
-    assert parsing.scaled(column(["1764585664362463217"])).values.tolist() == [1_764_585_664_362_463_217]
-    assert parsing.scaled(column(["1764585664.362463217"]), 9).values.tolist() == [1_764_585_664_362_463_217]
-    assert parsing.scaled(column(["1,5E0"]), 9, decimal_comma=True).values.tolist() == [1_500_000_000]
-    assert parsing.scaled(column(["1.764585664362463E18"])).values.tolist() == [1_764_585_664_362_463_000]
+    assert parsing.scaled(column(["1764585664362463217"])).values.tolist() == [
+        1_764_585_664_362_463_217
+    ]
+    assert parsing.scaled(column(["1764585664.362463217"]), 9).values.tolist() == [
+        1_764_585_664_362_463_217
+    ]
+    assert parsing.scaled(column(["1,5E0"]), 9, decimal_comma=True).values.tolist() == [
+        1_500_000_000
+    ]
+    assert parsing.scaled(column(["1.764585664362463E18"])).values.tolist() == [
+        1_764_585_664_362_463_000
+    ]

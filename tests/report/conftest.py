@@ -9,7 +9,16 @@ import pytest
 
 from spoofbench.detecting import Decisions
 from spoofbench.recording import Interval
-from spoofbench.results import Outcome, Status, Task, Truth, write_outcome, write_run, write_tasks, write_truth
+from spoofbench.results import (
+    Outcome,
+    Status,
+    Task,
+    Truth,
+    write_outcome,
+    write_run,
+    write_tasks,
+    write_truth,
+)
 from spoofbench.scoring.folder import score_folder
 
 START_NS = 1_700_000_000_000_000_000
@@ -27,7 +36,13 @@ def all_ok(detector: str, attack: str | None) -> tuple[Status, str | None]:
     return "ok", None
 
 
-def make_folder(folder: Path, detectors: Sequence[str], attacks: Sequence[str], epochs: int = 600, plan: Plan = all_ok) -> Path:
+def make_folder(
+    folder: Path,
+    detectors: Sequence[str],
+    attacks: Sequence[str],
+    epochs: int = 600,
+    plan: Plan = all_ok,
+) -> Path:
     """Write a results folder of one recording, three seeds of each attack, and score it."""
     variants = [(None, None), *((attack, seed) for attack in attacks for seed in (1, 2, 3))]
     tasks = []
@@ -42,7 +57,14 @@ def make_folder(folder: Path, detectors: Sequence[str], attacks: Sequence[str], 
             write_outcome(folder, task_id, Outcome(status, reason, decisions))
             tasks.append(make_task(task_id, variant, detector, attack, seed, truth, status, reason))
     write_tasks(folder, tasks)
-    write_run(folder, {"suite": "stand-in", "thresholds": "published", "versions": {"spoofbench": "0.1.0", "numpy": "2.4.6"}})
+    write_run(
+        folder,
+        {
+            "suite": "stand-in",
+            "thresholds": "published",
+            "versions": {"spoofbench": "0.1.0", "numpy": "2.4.6"},
+        },
+    )
     score_folder(folder)
     return folder
 
@@ -51,7 +73,10 @@ def make_truth(epochs: int, attack: str | None, seed: int | None) -> Truth:
     """A winding drive; an attack drags the position off and lets go."""
     time_ns = START_NS + np.arange(epochs) * S
     angle = np.arange(epochs) / 90
-    lat, lon = 39.7 + 0.01 * np.sin(angle) + 1e-6 * np.arange(epochs), -84.2 + 0.02 * np.cos(0.7 * angle)
+    lat, lon = (
+        39.7 + 0.01 * np.sin(angle) + 1e-6 * np.arange(epochs),
+        -84.2 + 0.02 * np.cos(0.7 * angle),
+    )
     intervals = ()
     moved = np.zeros(epochs)
     if attack is not None:
@@ -60,12 +85,31 @@ def make_truth(epochs: int, attack: str | None, seed: int | None) -> Truth:
         inside = intervals[0].covers(time_ns)
         moved[inside] = 2e-5 * np.arange(inside.sum())
     spoofed = moved > 0 if attack is None else intervals[0].covers(time_ns)
-    guard = np.zeros(epochs, bool) if attack is None else Interval(intervals[0].end_ns, intervals[0].end_ns + 10 * S).covers(time_ns)
-    return Truth(time_ns, np.ones(epochs, bool), spoofed, guard, lat + moved, lon, lat, lon, moved * 111_000, moved * 0, S, intervals)
+    guard = (
+        np.zeros(epochs, bool)
+        if attack is None
+        else Interval(intervals[0].end_ns, intervals[0].end_ns + 10 * S).covers(time_ns)
+    )
+    return Truth(
+        time_ns,
+        np.ones(epochs, bool),
+        spoofed,
+        guard,
+        lat + moved,
+        lon,
+        lat,
+        lon,
+        moved * 111_000,
+        moved * 0,
+        S,
+        intervals,
+    )
 
 
 def make_decisions(truth: Truth, place: int, rng: np.random.Generator) -> Decisions:
-    """Noise below the threshold that rises in an attack, less for each further detector; the first 30 s unavailable."""
+    """Noise below the threshold that rises in an attack, less for each further detector; the first
+    30 s unavailable.
+    """
     n = truth.time_ns.size
     score = np.abs(rng.normal(0, 0.3, n)) + truth.spoofed * rng.gamma(2, 2 / (1 + place), n)
     score[0] = np.inf
@@ -73,7 +117,14 @@ def make_decisions(truth: Truth, place: int, rng: np.random.Generator) -> Decisi
 
 
 def make_task(
-    task_id: str, variant: str, detector: str, attack: str | None, seed: int | None, truth: Truth, status: Status, reason: str | None
+    task_id: str,
+    variant: str,
+    detector: str,
+    attack: str | None,
+    seed: int | None,
+    truth: Truth,
+    status: Status,
+    reason: str | None,
 ) -> Task:
     window = truth.intervals[0] if truth.intervals else None
     return Task(
@@ -114,12 +165,18 @@ ATTACKS = ["replay", "drag-off"]
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three detectors, the last of which fails everywhere; drag-off does not model what the second needs."""
+    """Three detectors, the last of which fails everywhere; drag-off does not model what the second
+    needs.
+    """
 
     def plan(detector: str, attack: str | None) -> tuple[Status, str | None]:
         if detector == "n" * 64:
             return "failed", "ValueError: no"
-        return ("not_modelled", "drag-off does not model 'ins/pva'") if (detector, attack) == ("correlation", "drag-off") else ("ok", None)
+        return (
+            ("not_modelled", "drag-off does not model 'ins/pva'")
+            if (detector, attack) == ("correlation", "drag-off")
+            else ("ok", None)
+        )
 
     return make_folder(tmp_path_factory.mktemp("results"), DETECTORS, ATTACKS, plan=plan)
 
@@ -131,7 +188,12 @@ def hostile_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     def plan(detector: str, attack: str | None) -> tuple[Status, str | None]:
         return ("failed", HOSTILE) if attack == f"{HOSTILE}2" else ("ok", None)
 
-    path = make_folder(tmp_path_factory.mktemp("hostile"), [HOSTILE, f"[red]{HOSTILE}\x1b[31m"], [f"{HOSTILE}1", f"{HOSTILE}2"], plan=plan)
+    path = make_folder(
+        tmp_path_factory.mktemp("hostile"),
+        [HOSTILE, f"[red]{HOSTILE}\x1b[31m"],
+        [f"{HOSTILE}1", f"{HOSTILE}2"],
+        plan=plan,
+    )
     write_run(path, {"suite": HOSTILE, HOSTILE: [HOSTILE]})
     return path
 

@@ -1,4 +1,6 @@
-"""The page in a browser: it asks for nothing, complains of nothing, and shows what was asked for."""
+"""The page in a browser: it asks for nothing, complains of nothing, and shows what was asked
+for.
+"""
 
 import shutil
 from urllib.parse import urlencode
@@ -7,7 +9,9 @@ import pytest
 
 from spoofbench.report import write_site
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +27,9 @@ def browser():
 
 @pytest.fixture
 def visit(browser, tmp_path):
-    """Open a folder's page; afterwards it must have asked for itself alone and have had nothing to complain of."""
+    """Open a folder's page; afterwards it must have asked for itself alone and have had nothing to
+    complain of.
+    """
     asked, complaints, contexts = [], [], []
 
     def open_page(folder, fragment="", **options):
@@ -47,11 +53,15 @@ def visit(browser, tmp_path):
 
 
 def address(detector, attack, seed):
-    return "#" + urlencode({"detector": detector, "recording": "drive", "attack": attack, "seed": seed})
+    return "#" + urlencode(
+        {"detector": detector, "recording": "drive", "attack": attack, "seed": seed}
+    )
 
 
 def column(page, number):
-    return page.eval_on_selector_all(f".board tbody tr > :nth-child({number})", "cells => cells.map(cell => cell.dataset.sort)")
+    return page.eval_on_selector_all(
+        f".board tbody tr > :nth-child({number})", "cells => cells.map(cell => cell.dataset.sort)"
+    )
 
 
 def test_a_link_leads_to_its_run_and_choosing_another_changes_it(folder, visit):
@@ -73,8 +83,14 @@ def test_a_failed_run_says_so_and_still_has_its_map(folder, visit):
 
 def test_the_map_has_one_scale_both_ways(folder, visit):
     page = visit(folder, address("acceleration", "replay", "1"))
-    page.evaluate("view = projection(track(DATA.variants[0]).clean, 800, 500, {left: 60, right: 10, top: 10, bottom: 40})")
-    east, north = page.evaluate("[view.pixel([100, 0])[0] - view.pixel([0, 0])[0], view.pixel([0, 0])[1] - view.pixel([0, 100])[1]]")
+    page.evaluate(
+        "view = projection(track(DATA.variants[0]).clean, 800, 500, {left: 60, right: 10, top: "
+        "10, bottom: 40})"
+    )
+    east, north = page.evaluate(
+        "[view.pixel([100, 0])[0] - view.pixel([0, 0])[0], view.pixel([0, 0])[1] - view.pixel([0, "
+        "100])[1]]"
+    )
     assert east == pytest.approx(north)
     assert east > 0
 

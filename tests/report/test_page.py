@@ -35,7 +35,11 @@ class Page(HTMLParser):
         (self.raw[-1][2] if within_raw else self.words).append(data)
 
     def data(self):
-        return json.loads("".join(next(text for tag, attributes, text in self.raw if attributes.get("id") == "data")))
+        return json.loads(
+            "".join(
+                next(text for tag, attributes, text in self.raw if attributes.get("id") == "data")
+            )
+        )
 
 
 def page_of(folder, site):
@@ -49,31 +53,56 @@ def page(folder, tmp_path_factory):
 
 def test_equal_folders_give_equal_bytes(folder, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "elsewhere")
-    sites = [write_site(place, tmp_path / name).parent for place, name in ((folder, "a"), (copy, "b"))]
+    sites = [
+        write_site(place, tmp_path / name).parent for place, name in ((folder, "a"), (copy, "b"))
+    ]
     names = sorted(path.name for path in sites[0].iterdir())
-    assert names == ["index.html", "leaderboard.json", "leaderboard.md"] == sorted(path.name for path in sites[1].iterdir())
+    assert (
+        names
+        == ["index.html", "leaderboard.json", "leaderboard.md"]
+        == sorted(path.name for path in sites[1].iterdir())
+    )
     assert all((sites[0] / name).read_bytes() == (sites[1] / name).read_bytes() for name in names)
     assert (sites[0] / "leaderboard.md").read_text() == markdown(folder)
 
 
 def test_nothing_points_outside(page):
     addresses = [
-        value for _, attributes in page.tags for name, value in attributes.items() if name in ("src", "href", "srcset", "data", "action")
+        value
+        for _, attributes in page.tags
+        for name, value in attributes.items()
+        if name in ("src", "href", "srcset", "data", "action")
     ]
     assert addresses
     assert all(address.startswith(("#", "data:")) for address in addresses)
-    assert not any(word in "".join(text) for tag, _, text in page.raw if tag == "style" for word in ("url(", "@import"))
+    assert not any(
+        word in "".join(text)
+        for tag, _, text in page.raw
+        if tag == "style"
+        for word in ("url(", "@import")
+    )
     assert not {"iframe", "object", "embed", "base"} & {tag for tag, _ in page.tags}
 
 
 def test_the_policy_forbids_requests(page):
-    policy = next(a["content"] for tag, a in page.tags if tag == "meta" and a.get("http-equiv") == "Content-Security-Policy")
-    assert policy == "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
+    policy = next(
+        a["content"]
+        for tag, a in page.tags
+        if tag == "meta" and a.get("http-equiv") == "Content-Security-Policy"
+    )
+    assert (
+        policy
+        == "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
+    )
 
 
 def test_hostile_texts_are_texts(hostile_folder, page, tmp_path):
     hostile = page_of(hostile_folder, tmp_path)
-    assert [tag for tag, _ in hostile.tags if tag in ("script", "style", "img")] == ["style", "script", "script"]
+    assert [tag for tag, _ in hostile.tags if tag in ("script", "style", "img")] == [
+        "style",
+        "script",
+        "script",
+    ]
     assert not any("onerror" in attributes for _, attributes in hostile.tags)
     task = next(task for task in read_tasks(hostile_folder) if task.reason)
     assert task.detector in "".join(hostile.words)
@@ -87,7 +116,11 @@ def test_every_task_is_a_run_and_those_without_decisions_say_why(folder, page):
     assert [(run["detector"], run["status"], run["reason"]) for run in runs] == [
         (task.detector, task.status, task.reason) for task in tasks
     ]
-    assert all((run["trace"] is None) == (run["status"] != "ok") and (run["reason"] is None) == (run["status"] == "ok") for run in runs)
+    assert all(
+        (run["trace"] is None) == (run["status"] != "ok")
+        and (run["reason"] is None) == (run["status"] == "ok")
+        for run in runs
+    )
 
 
 def test_clean_tracks_are_shared_and_attacks_are_where_the_truth_says(folder, page):
@@ -95,14 +128,24 @@ def test_clean_tracks_are_shared_and_attacks_are_where_the_truth_says(folder, pa
     assert len({variant["clean"] for variant in data["variants"]}) == 1
     attacked = next(task for task in read_tasks(folder) if task.attack)
     truth = read_truth(folder, attacked.variant_id)
-    variant = next(v for v in data["variants"] if (v["attack"], v["seed"]) == (attacked.attack, str(attacked.seed)))
+    variant = next(
+        v
+        for v in data["variants"]
+        if (v["attack"], v["seed"]) == (attacked.attack, str(attacked.seed))
+    )
     start_ns = int(truth.time_ns[0])
-    assert variant["intervals"] == [[(i.start_ns - start_ns) / 1e9, (i.end_ns - start_ns) / 1e9] for i in truth.intervals]
+    assert variant["intervals"] == [
+        [(i.start_ns - start_ns) / 1e9, (i.end_ns - start_ns) / 1e9] for i in truth.intervals
+    ]
     assert [part["first"] for part in variant["attacked"]] == [int(truth.spoofed.argmax())]
 
 
 def test_sort_keys_of_unknown_figures_are_empty(page):
-    keys = [attributes["data-sort"] for tag, attributes in page.tags if tag in ("td", "th") and "data-sort" in attributes]
+    keys = [
+        attributes["data-sort"]
+        for tag, attributes in page.tags
+        if tag in ("td", "th") and "data-sort" in attributes
+    ]
     assert len(keys) == 3 * 9
     assert "" in keys
     assert "None" not in keys
@@ -110,7 +153,9 @@ def test_sort_keys_of_unknown_figures_are_empty(page):
 
 def test_a_page_of_240_runs_of_2602_epochs_is_below_10_megabytes(make, tmp_path):
     attacks = [f"attack-{number}" for number in range(7)]
-    folder = make(tmp_path / "results", [f"detector-{number}" for number in range(11)], attacks, 2602)
+    folder = make(
+        tmp_path / "results", [f"detector-{number}" for number in range(11)], attacks, 2602
+    )
     assert len(read_tasks(folder)) == 242
     path = write_site(folder, tmp_path / "site")
     assert path.stat().st_size < 10_000_000
@@ -131,7 +176,8 @@ def test_many_decisions_are_thinned_and_no_alert_vanishes(make, tmp_path):
     data = Page(path.read_text(encoding="utf-8")).data()
     trace = data["runs"][0]["trace"]
     time_ms, steps = (
-        np.frombuffer(base64.b64decode(data["arrays"][trace[name]]), kind) for name, kind in (("time", "<i4"), ("score", "<i2"))
+        np.frombuffer(base64.b64decode(data["arrays"][trace[name]]), kind)
+        for name, kind in (("time", "<i4"), ("score", "<i2"))
     )
     assert trace["rows"] == time_ns.size > time_ms.size == steps.size
     assert time_ms[steps > STEPS].tolist() == [777_777 // 2 + 1]
@@ -143,10 +189,16 @@ def test_a_variant_that_could_not_be_made_is_shown_without_track(folder, tmp_pat
     lost = {task.variant_id for task in tasks if task.attack == "replay"}
     for variant in lost:
         (copy / "truth" / f"{variant}.parquet").unlink()
-    tasks = [replace(task, status="skipped", reason="no donor") if task.variant_id in lost else task for task in tasks]
+    tasks = [
+        replace(task, status="skipped", reason="no donor") if task.variant_id in lost else task
+        for task in tasks
+    ]
     write_tasks(copy, tasks)
     score_folder(copy)
     data = page_of(copy, tmp_path / "site").data()
     shown = [run for run in data["runs"] if run["status"] == "skipped"]
     assert len(shown) == 9
-    assert all(run["trace"] is None and data["arrays"][data["variants"][run["variant"]]["epochs"]] == "" for run in shown)
+    assert all(
+        run["trace"] is None and data["arrays"][data["variants"][run["variant"]]["epochs"]] == ""
+        for run in shown
+    )

@@ -13,13 +13,23 @@ def test_unknown_is_a_dash_and_zero_is_zero(form):
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.07, "0.07"), (6.914, "6.91"), (41.23, "41.2"), (1204.4, "1,204"), (0.004, "<0.01"), (9.996, "10.0"), (99.96, "100")],
+    [
+        (0.07, "0.07"),
+        (6.914, "6.91"),
+        (41.23, "41.2"),
+        (1204.4, "1,204"),
+        (0.004, "<0.01"),
+        (9.996, "10.0"),
+        (99.96, "100"),
+    ],
 )
 def test_rates_have_about_three_figures(value, text):
     assert rate(value) == text
 
 
-@pytest.mark.parametrize(("value", "text"), [(0.04, "<0.1"), (99.96, ">99.9"), (100.0, "100.0"), (97.34, "97.3")])
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.04, "<0.1"), (99.96, ">99.9"), (100.0, "100.0"), (97.34, "97.3")]
+)
 def test_almost_is_not_all(value, text):
     assert percent(value) == text
 

@@ -7,14 +7,30 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spoofbench.detecting import Decisions
-from spoofbench.report.traces import ABSENT_DM, INFINITE, STEPS, UNAVAILABLE, Plane, Pool, milliseconds, pack_scores, thinned
+from spoofbench.report.traces import (
+    ABSENT_DM,
+    INFINITE,
+    STEPS,
+    UNAVAILABLE,
+    Plane,
+    Pool,
+    milliseconds,
+    pack_scores,
+    thinned,
+)
 
-scores = st.lists(st.floats(-1e6, 1e300) | st.sampled_from([1.0, np.nextafter(1.0, 2.0), np.inf]), min_size=1, max_size=60)
+scores = st.lists(
+    st.floats(-1e6, 1e300) | st.sampled_from([1.0, np.nextafter(1.0, 2.0), np.inf]),
+    min_size=1,
+    max_size=60,
+)
 
 
 @given(scores, st.data())
 def test_rounding_never_moves_a_score_over_the_threshold(values, data):
-    available = np.array(data.draw(st.lists(st.booleans(), min_size=len(values), max_size=len(values))))
+    available = np.array(
+        data.draw(st.lists(st.booleans(), min_size=len(values), max_size=len(values)))
+    )
     decisions = Decisions(np.arange(len(values)), values, available)
     steps = pack_scores(decisions.score, decisions.available)
     assert np.array_equal(steps > STEPS, decisions.alert)
@@ -51,19 +67,30 @@ def test_thinning_keeps_extremes_alerts_and_gaps_of_every_stretch(n, limit, rand
 def test_the_plane_keeps_lengths_near_its_origin_and_marks_absence():
     metre_deg = 1 / 111_132.95  # of latitude at 45 degrees (meridional radius 6,367,382 m)
     plane = Plane(45.0, 7.0)
-    dm = plane.east_north_dm(np.array([45.0, 45.0 + 100 * metre_deg, np.nan]), np.array([7.0, 7.0, 7.0]))
+    dm = plane.east_north_dm(
+        np.array([45.0, 45.0 + 100 * metre_deg, np.nan]), np.array([7.0, 7.0, 7.0])
+    )
     assert np.abs(dm[:, :2] - [[0, 0], [0, 1000]]).max() <= 1
     assert np.array_equal(dm[:, 2], [ABSENT_DM, ABSENT_DM])
 
 
 def test_times_are_rounded_to_the_nearest_millisecond():
-    assert milliseconds(np.array([1_000_000_499_999, 1_000_000_500_000]), 1_000_000_000_000).tolist() == [0, 1]
+    assert milliseconds(
+        np.array([1_000_000_499_999, 1_000_000_500_000]), 1_000_000_000_000
+    ).tolist() == [0, 1]
 
 
 def test_equal_arrays_are_stored_once():
     pool = Pool()
-    assert [pool.add([1, 2], "<i4"), pool.add([3], "<i2"), pool.add(np.array([1, 2]), "<i4")] == [0, 1, 0]
-    assert [np.frombuffer(base64.b64decode(item), kind).tolist() for item, kind in zip(pool.items, ("<i4", "<i2"), strict=True)] == [
+    assert [pool.add([1, 2], "<i4"), pool.add([3], "<i2"), pool.add(np.array([1, 2]), "<i4")] == [
+        0,
+        1,
+        0,
+    ]
+    assert [
+        np.frombuffer(base64.b64decode(item), kind).tolist()
+        for item, kind in zip(pool.items, ("<i4", "<i2"), strict=True)
+    ] == [
         [1, 2],
         [3],
     ]

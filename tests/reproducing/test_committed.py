@@ -1,4 +1,6 @@
-"""The committed pages of the reproductions are those that the code makes: its short form gives cells that stand in them."""
+"""The committed pages of the reproductions are those that the code makes: its short form gives
+cells that stand in them.
+"""
 
 import json
 from pathlib import Path
@@ -13,7 +15,10 @@ PAGES = Path(__file__).parents[2] / "benchmarks" / "reproductions"
 @pytest.mark.parametrize("paper", ["tanil2018", "kujur", "lo2017", "borio"])
 def test_short_form(paper: str, tmp_path: Path) -> None:
     page, found = reproduce_paper(paper, tmp_path / paper, None, True, lambda share: None)
-    committed = {(cell["item"], cell["printed"]) for cell in json.loads((PAGES / paper / "verdicts.json").read_text())}
+    committed = {
+        (cell["item"], cell["printed"])
+        for cell in json.loads((PAGES / paper / "verdicts.json").read_text())
+    }
     made = {(cell.item, cell.printed) for cell in found.cells}
     assert made <= committed
     assert len(made) == len(found.cells)
@@ -39,4 +44,9 @@ def test_text_of_cells() -> None:
     assert "| 1.235 | - | - | not reproduced | **a \\| b**: because |" in text
     assert "| trend | 2 | 1 to 3 | matches | **c**: so |" in text
     assert text.endswith("- note\n")
-    assert tally(cells) == {"matches": 1, "matches after calibration": 0, "trend only": 0, "not reproduced": 1}
+    assert tally(cells) == {
+        "matches": 1,
+        "matches after calibration": 0,
+        "trend only": 0,
+        "not reproduced": 1,
+    }

@@ -53,13 +53,29 @@ TASK = Task(
     status="ok",
     reason=None,
 )
-UNATTACKED = replace(TASK, task_id="2d", attack=None, attack_parameters=None, window_start_ns=None, window_end_ns=None, seed=None)
+UNATTACKED = replace(
+    TASK,
+    task_id="2d",
+    attack=None,
+    attack_parameters=None,
+    window_start_ns=None,
+    window_end_ns=None,
+    seed=None,
+)
 
 
 def truth(n: int = 3) -> Truth:
     values = np.append(np.arange(n - 1.0), np.nan)
     flags = np.arange(n) % 2 == 0
-    return Truth(np.arange(n), flags, ~flags, flags, *(values + k for k in range(6)), epoch_ns=200_000_000, intervals=(Interval(1, 2),))
+    return Truth(
+        np.arange(n),
+        flags,
+        ~flags,
+        flags,
+        *(values + k for k in range(6)),
+        epoch_ns=200_000_000,
+        intervals=(Interval(1, 2),),
+    )
 
 
 def test_tasks_come_back(tmp_path: Path) -> None:
@@ -74,7 +90,9 @@ def test_tasks_come_back(tmp_path: Path) -> None:
     st.lists(st.integers(-(2**63), 2**63 - 1), unique=True, max_size=20).map(sorted),
     st.lists(st.floats(allow_nan=True), min_size=20, max_size=20),
 )
-def test_decisions_come_back(tmp_path_factory: pytest.TempPathFactory, times: list[int], scores: list[float]) -> None:
+def test_decisions_come_back(
+    tmp_path_factory: pytest.TempPathFactory, times: list[int], scores: list[float]
+) -> None:
     folder = tmp_path_factory.mktemp("results")
     score = np.array(scores[: len(times)])
     decisions = Decisions(times, score, ~np.isnan(score))
@@ -117,13 +135,21 @@ def test_same_content_same_bytes_and_nothing_beside(tmp_path: Path) -> None:
         write_truth(tmp_path / name, "v", truth())
         write_tasks(tmp_path / name, [TASK])
         write_outcome(tmp_path / name, "t", Outcome("failed", "because", None))
-    files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file())
-    assert [str(file) for file in files] == ["decisions/t.parquet", "tasks.parquet", "truth/v.parquet"]
+    files = sorted(
+        path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()
+    )
+    assert [str(file) for file in files] == [
+        "decisions/t.parquet",
+        "tasks.parquet",
+        "truth/v.parquet",
+    ]
     for file in files:
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
-def test_a_write_that_fails_leaves_the_file_that_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_write_that_fails_leaves_the_file_that_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_tasks(tmp_path, [TASK])
 
     def half(table: pa.Table, where: Path, **_: object) -> None:
@@ -141,7 +167,11 @@ def test_damage_is_said(tmp_path: Path) -> None:
     write_outcome(tmp_path, "t", Outcome("ok", None, Decisions([1], [2.0], [True])))
     write_truth(tmp_path, "v", truth())
     write_tasks(tmp_path, [TASK])
-    decisions, grid, tasks = tmp_path / "decisions" / "t.parquet", tmp_path / "truth" / "v.parquet", tmp_path / "tasks.parquet"
+    decisions, grid, tasks = (
+        tmp_path / "decisions" / "t.parquet",
+        tmp_path / "truth" / "v.parquet",
+        tmp_path / "tasks.parquet",
+    )
 
     told = read_parquet(decisions)
     write_parquet(decisions, told.replace_schema_metadata(None))
@@ -175,11 +205,20 @@ def test_damage_is_said(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [{"detector": None}, {"status": "well"}, {"memory_s": np.inf}, {"hold_s": np.nan}, {"target_far_per_hour": None}, {"variant_id": None}],
+    [
+        {"detector": None},
+        {"status": "well"},
+        {"memory_s": np.inf},
+        {"hold_s": np.nan},
+        {"target_far_per_hour": None},
+        {"variant_id": None},
+    ],
 )
 def test_tasks_that_no_run_writes_are_damage(tmp_path: Path, change: dict[str, object]) -> None:
     write_tasks(tmp_path, [TASK])
-    write_parquet(tmp_path / "tasks.parquet", pa.Table.from_pylist([asdict(TASK) | change], TASK_SCHEMA))
+    write_parquet(
+        tmp_path / "tasks.parquet", pa.Table.from_pylist([asdict(TASK) | change], TASK_SCHEMA)
+    )
     with pytest.raises(ResultsError, match=f"damaged.*{next(iter(change))}"):
         read_tasks(tmp_path)
 
@@ -196,7 +235,11 @@ def test_columns_of_other_types_are_damage(tmp_path: Path) -> None:
         path = tmp_path / f"{part}.parquet"
         good = read_parquet(path)
         for place, name in enumerate(good.column_names):
-            other = pa.nulls(len(good), pa.string()).fill_null("x") if good[name].type != pa.string() else pa.array([1] * len(good))
+            other = (
+                pa.nulls(len(good), pa.string()).fill_null("x")
+                if good[name].type != pa.string()
+                else pa.array([1] * len(good))
+            )
             write_parquet(path, good.set_column(place, name, other))
             with pytest.raises(ResultsError):
                 read()
@@ -225,10 +268,17 @@ def test_decisions_out_of_order_are_damage(tmp_path: Path) -> None:
         {"epoch_ns": "0"},
     ],
 )
-def test_intervals_that_are_not_whole_nanoseconds_are_damage(tmp_path: Path, about: dict[str, str]) -> None:
+def test_intervals_that_are_not_whole_nanoseconds_are_damage(
+    tmp_path: Path, about: dict[str, str]
+) -> None:
     write_truth(tmp_path, "v", truth())
     path = tmp_path / "truth" / "v.parquet"
     table = read_parquet(path)
-    write_parquet(path, table.replace_schema_metadata({**table.schema.metadata, **{key.encode(): value for key, value in about.items()}}))
+    write_parquet(
+        path,
+        table.replace_schema_metadata(
+            {**table.schema.metadata, **{key.encode(): value for key, value in about.items()}}
+        ),
+    )
     with pytest.raises(ResultsError, match="epoch and intervals"):
         read_truth(tmp_path, "v")

@@ -44,23 +44,48 @@ def vector(path: str, values: Sequence[float]) -> dict[str, float]:
     return {f"{path}.{axis}": float(value) for axis, value in zip("xyz", values, strict=True)}
 
 
-def drive(seconds: int = 30, header_off_ns: Mapping[str, int] | None = None, seed: int = 1) -> list[Message]:
-    """Return 50 Hz inertial, 10 Hz magnetic, 1 Hz position and velocity messages that vary in length, in the recorder's order."""
+def drive(
+    seconds: int = 30, header_off_ns: Mapping[str, int] | None = None, seed: int = 1
+) -> list[Message]:
+    """Return 50 Hz inertial, 10 Hz magnetic, 1 Hz position and velocity messages that vary in
+    length, in the recorder's order.
+    """
     rng, off = np.random.default_rng(seed), header_off_ns or {}
     messages = []
 
     def add(topic: str, kind: str, time_ns: int, values: Mapping[str, Any]) -> None:
-        header = {"header.frame_id": "f" * int(rng.integers(1, 9)), **time("header.stamp", time_ns + off.get(topic, 0))}
-        messages.append(Message(topic, kind, time_ns + int(rng.integers(10**6, 10**7)), {**header, **values}))
+        header = {
+            "header.frame_id": "f" * int(rng.integers(1, 9)),
+            **time("header.stamp", time_ns + off.get(topic, 0)),
+        }
+        messages.append(
+            Message(topic, kind, time_ns + int(rng.integers(10**6, 10**7)), {**header, **values})
+        )
 
     for i in range(50 * seconds):
-        accel, gyro = vector("linear_acceleration", rng.normal(size=3)), vector("angular_velocity", rng.normal(size=3))
+        accel, gyro = (
+            vector("linear_acceleration", rng.normal(size=3)),
+            vector("angular_velocity", rng.normal(size=3)),
+        )
         add("/imu/data", IMU, START_NS + i * 20_000_000, {**accel, **gyro})
     for i in range(10 * seconds):
-        add("/imu/mag", MAG, START_NS + i * 100_000_000, vector("magnetic_field", rng.normal(size=3) * 1e-5))
+        add(
+            "/imu/mag",
+            MAG,
+            START_NS + i * 100_000_000,
+            vector("magnetic_field", rng.normal(size=3) * 1e-5),
+        )
     for i in range(seconds):
-        place = {"latitude": 42 + i * 1e-5, "longitude": -71.0, "altitude": 30.0 + i, "status.status": 0}
-        covariance = {"position_covariance": rng.normal(size=9) + 9 * np.eye(3).reshape(-1), "position_covariance_type": i % 4}
+        place = {
+            "latitude": 42 + i * 1e-5,
+            "longitude": -71.0,
+            "altitude": 30.0 + i,
+            "status.status": 0,
+        }
+        covariance = {
+            "position_covariance": rng.normal(size=9) + 9 * np.eye(3).reshape(-1),
+            "position_covariance_type": i % 4,
+        }
         add("/gps/fix", FIX, START_NS + i * SECOND_NS, {**place, **covariance})
         add("/gps/vel", TWIST, START_NS + i * SECOND_NS, vector("twist.linear", rng.normal(size=3)))
     return sorted(messages, key=lambda message: message.stamp_ns)
@@ -68,8 +93,16 @@ def drive(seconds: int = 30, header_off_ns: Mapping[str, int] | None = None, see
 
 def moved(message: Message, by_ns: int) -> Message:
     """Return a message as of another time of the host's clock, which stamps its header too."""
-    own_ns = message.values["header.stamp.sec"] * SECOND_NS + message.values["header.stamp.nanosec"] + by_ns
-    return replace(message, stamp_ns=message.stamp_ns + by_ns, values={**message.values, **time("header.stamp", own_ns)})
+    own_ns = (
+        message.values["header.stamp.sec"] * SECOND_NS
+        + message.values["header.stamp.nanosec"]
+        + by_ns
+    )
+    return replace(
+        message,
+        stamp_ns=message.stamp_ns + by_ns,
+        values={**message.values, **time("header.stamp", own_ns)},
+    )
 
 
 def build(store: Typestore, kind: str, values: Mapping[str, Any], prefix: str = "") -> Any:
@@ -90,7 +123,9 @@ def build(store: Typestore, kind: str, values: Mapping[str, Any], prefix: str = 
     return store.types[kind](**made)
 
 
-def write_ros1(path: Path, messages: Sequence[Message], packing: str = "", store: Typestore = ROS1) -> Path:
+def write_ros1(
+    path: Path, messages: Sequence[Message], packing: str = "", store: Typestore = ROS1
+) -> Path:
     """Write a ROS 1 bag, its chunks packed by nothing, ``BZ2`` or ``LZ4``."""
     writer = rosbag1.Writer(path)
     writer.chunk_threshold = 65_536
@@ -100,14 +135,24 @@ def write_ros1(path: Path, messages: Sequence[Message], packing: str = "", store
         connections: dict[str, Any] = {}
         for message in messages:
             if message.topic not in connections:
-                connections[message.topic] = writer.add_connection(message.topic, message.type, typestore=store)
+                connections[message.topic] = writer.add_connection(
+                    message.topic, message.type, typestore=store
+                )
             data = store.serialize_ros1(build(store, message.type, message.values), message.type)
             writer.write(connections[message.topic], message.stamp_ns, data)
     return path
 
 
-def write_ros2(path: Path, messages: Sequence[Message], storage: str = "SQLITE3", packing: str = "NONE", store: Typestore = ROS2) -> Path:
-    """Write a ROS 2 bag folder, packed by nothing, as a ``FILE``, by ``MESSAGE`` or by ``STORAGE``."""
+def write_ros2(
+    path: Path,
+    messages: Sequence[Message],
+    storage: str = "SQLITE3",
+    packing: str = "NONE",
+    store: Typestore = ROS2,
+) -> Path:
+    """Write a ROS 2 bag folder, packed by nothing, as a ``FILE``, by ``MESSAGE`` or by
+    ``STORAGE``.
+    """
     writer = rosbag2.Writer(path, version=9, storage_plugin=StoragePlugin[storage])
     if packing != "NONE":
         writer.set_compression(CompressionMode[packing], CompressionFormat.ZSTD)
@@ -115,7 +160,9 @@ def write_ros2(path: Path, messages: Sequence[Message], storage: str = "SQLITE3"
         connections: dict[str, Any] = {}
         for message in messages:
             if message.topic not in connections:
-                connections[message.topic] = writer.add_connection(message.topic, message.type, typestore=store)
+                connections[message.topic] = writer.add_connection(
+                    message.topic, message.type, typestore=store
+                )
             data = store.serialize_cdr(build(store, message.type, message.values), message.type)
             writer.write(connections[message.topic], message.stamp_ns, data)
     return path
@@ -131,9 +178,15 @@ def rewrite(bag: Path, path: Path, compression: CompressionType, **options: Any)
         for schema, channel, message in make_reader(read).iter_messages():
             assert schema is not None
             if channel.id not in channels:
-                schemas.setdefault(schema.id, writer.register_schema(schema.name, schema.encoding, schema.data))
-                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, schemas[schema.id])
-            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
+                schemas.setdefault(
+                    schema.id, writer.register_schema(schema.name, schema.encoding, schema.data)
+                )
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, schemas[schema.id]
+                )
+            writer.add_message(
+                channels[channel.id], message.log_time, message.data, message.publish_time
+            )
         writer.finish()
     return path
 

@@ -1,4 +1,6 @@
-"""All sources of a recording are on one clock, whatever clocks their headers bear, and the metadata say how."""
+"""All sources of a recording are on one clock, whatever clocks their headers bear, and the metadata
+say how.
+"""
 
 import json
 from collections.abc import Callable
@@ -25,7 +27,10 @@ def seen(**off_s: float) -> dict[str, tuple[np.ndarray[Any, Any], np.ndarray[Any
     return {name: (RECEIVED + round(off * SECOND_NS), RECEIVED) for name, off in off_s.items()}
 
 
-@given(st.dictionaries(st.sampled_from("abcd"), st.floats(-80_000, 80_000), min_size=1), st.floats(-0.5, 0.5))
+@given(
+    st.dictionaries(st.sampled_from("abcd"), st.floats(-80_000, 80_000), min_size=1),
+    st.floats(-0.5, 0.5),
+)
 def test_devices_are_brought_together(off_s: dict[str, float], near: float) -> None:
     clocks, ahead_ns = decide(seen(near=near, **off_s))
     assert ahead_ns == 0
@@ -35,7 +40,13 @@ def test_devices_are_brought_together(off_s: dict[str, float], near: float) -> N
 
 
 def test_devices_that_agree_keep_their_clock_in_a_bag_recorded_again() -> None:
-    clocks, ahead_ns = decide({**seen(a=-1e7, b=-1e7 + 0.3), "c": (NONE, NONE), "d": (np.zeros(9, np.int64), RECEIVED[:9])})
+    clocks, ahead_ns = decide(
+        {
+            **seen(a=-1e7, b=-1e7 + 0.3),
+            "c": (NONE, NONE),
+            "d": (np.zeros(9, np.int64), RECEIVED[:9]),
+        }
+    )
     assert ahead_ns == pytest.approx(-1e16, abs=SECOND_NS)
     assert [clocks[name].by_header for name in "abcd"] == [True, True, False, False]
     assert clocks["a"].shift_ns == clocks["b"].shift_ns == 0
@@ -58,18 +69,30 @@ def test_stamps_that_cannot_be_used(stamps: np.ndarray[Any, Any], why: str) -> N
     clocks, _ = decide({"a": (stamps, RECEIVED[: stamps.size]), **seen(b=0.0)})
     assert not clocks["a"].by_header
     assert why in clocks["a"].basis
-    assert clocks["a"].time_ns(stamps, RECEIVED[: stamps.size]).tolist() == RECEIVED[: stamps.size].tolist()
+    assert (
+        clocks["a"].time_ns(stamps, RECEIVED[: stamps.size]).tolist()
+        == RECEIVED[: stamps.size].tolist()
+    )
 
 
 def test_a_bag_with_three_clocks(sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
-    off = {"/gps/fix": 880 * SECOND_NS, "/gps/vel": 880 * SECOND_NS, "/imu/mag": -1_699_999_000 * SECOND_NS}
+    off = {
+        "/gps/fix": 880 * SECOND_NS,
+        "/gps/vel": 880 * SECOND_NS,
+        "/imu/mag": -1_699_999_000 * SECOND_NS,
+    }
     plain = convert_bag(sessions.write_ros2(tmp_path / "plain", sessions.drive(20)))
     result = convert_bag(sessions.write_ros2(tmp_path / "bag", sessions.drive(20, off)))
     recording, about = result.recording, result.recording.metadata
     assert recording["/imu0/imu"] == plain.recording["/imu0/imu"]
-    assert np.abs(recording["/mag0/mag"].time_ns - plain.recording["/mag0/mag"].time_ns).max() < 20_000_000
+    assert (
+        np.abs(recording["/mag0/mag"].time_ns - plain.recording["/mag0/mag"].time_ns).max()
+        < 20_000_000
+    )
     pvt, expected = recording["/gnss0/gnss/pvt"], plain.recording["/gnss0/gnss/pvt"]
-    assert pvt["vel_n_mps"].tolist() == expected["vel_n_mps"].tolist()  # still joined by equal stamps
+    assert (
+        pvt["vel_n_mps"].tolist() == expected["vel_n_mps"].tolist()
+    )  # still joined by equal stamps
     assert np.ptp(pvt.time_ns - expected.time_ns) == 0
     assert np.abs(pvt.time_ns - expected.time_ns).max() < 20_000_000
     assert float(about["source/gnss0"]["header_offset_s"]) == pytest.approx(880, abs=0.02)
@@ -80,8 +103,12 @@ def test_a_bag_with_three_clocks(sessions: Any, convert_bag: Convert, tmp_path: 
 
 def test_the_recorder_asked_for(sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
     session = sessions.drive(10)
-    recording = convert_bag(sessions.write_ros2(tmp_path / "bag", session), time="recorder").recording
-    assert recording["/imu0/imu"].time_ns.tolist() == sorted(message.stamp_ns for message in session if message.topic == "/imu/data")
+    recording = convert_bag(
+        sessions.write_ros2(tmp_path / "bag", session), time="recorder"
+    ).recording
+    assert recording["/imu0/imu"].time_ns.tolist() == sorted(
+        message.stamp_ns for message in session if message.topic == "/imu/data"
+    )
     assert recording.metadata["recording"]["clock"] == "recorder"
 
 
@@ -98,12 +125,16 @@ def test_offset_spread_and_drift_are_measured() -> None:
     for meter in (whole, pieces):
         about = {name: float(value) for name, value in meter.about().items()}
         assert about["header_offset_s"] == pytest.approx(0.27, abs=2e-3)
-        assert about["header_offset_spread_s"] == pytest.approx(np.ptp(np.percentile(off_s, (5, 95))), rel=0.02)
+        assert about["header_offset_spread_s"] == pytest.approx(
+            np.ptp(np.percentile(off_s, (5, 95))), rel=0.02
+        )
         assert about["header_drift_ppm"] == pytest.approx(20, abs=1)
 
 
 def test_a_host_clock_that_jumps_back(sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
-    """Appended on request, the bag gives what it would have given had the clock gone on; else the jump is noted."""
+    """Appended on request, the bag gives what it would have given had the clock gone on; else the
+    jump is noted.
+    """
     session = sessions.drive(20)
     middle, back_ns = 700, 5 * SECOND_NS
     stepped = session[:middle] + [sessions.moved(message, -back_ns) for message in session[middle:]]
@@ -111,20 +142,29 @@ def test_a_host_clock_that_jumps_back(sessions: Any, convert_bag: Convert, tmp_p
         path = sessions.WRITERS[writer](tmp_path / writer, stepped)
         left, appended = convert_bag(path), convert_bag(path, append_clock=True)
         plain = convert_bag(sessions.WRITERS[writer](tmp_path / f"{writer}-plain", session))
-        noted = {name: appended.recording.metadata["recording"][name] for name in ("clock_steps", "clock_step_count")}
+        noted = {
+            name: appended.recording.metadata["recording"][name]
+            for name in ("clock_steps", "clock_step_count")
+        }
         assert noted.items() <= left.recording.metadata["recording"].items()
         assert json.loads(noted["clock_steps"])[0]["record"] == middle
         assert (left.skipped > 0, appended.skipped) == (True, 0)
         for topic in plain.recording:
             times, expected = appended.recording[topic].time_ns, plain.recording[topic].time_ns
             assert len(times) == len(expected)
-            assert np.ptp(times - expected) <= 20_000_000  # what the interval at the jump is not known by
+            assert (
+                np.ptp(times - expected) <= 20_000_000
+            )  # what the interval at the jump is not known by
             assert np.abs(times - expected).max() <= 20_000_000
 
 
 def test_jumps_do_not_depend_on_pieces() -> None:
     rng = np.random.default_rng(4)
-    stamps = START_NS + np.cumsum(rng.choice([10**7, 2 * 10**7, -3 * SECOND_NS, 5 * SECOND_NS], 400, p=[0.5, 0.48, 0.01, 0.01]))
+    stamps = START_NS + np.cumsum(
+        rng.choice(
+            [10**7, 2 * 10**7, -3 * SECOND_NS, 5 * SECOND_NS], 400, p=[0.5, 0.48, 0.01, 0.01]
+        )
+    )
     stamps[50] += 100 * SECOND_NS  # a lone leap is no jump
     numbers, records = rng.integers(0, 3, 400), np.arange(400)
 
@@ -132,7 +172,12 @@ def test_jumps_do_not_depend_on_pieces() -> None:
         steps, told = Steps(append=True), np.zeros(400, np.int64)
         for part in np.split(records, cuts):
             empty = np.empty(0, np.int64)
-            wanted = {n: Payloads(empty, empty, empty, part[numbers[part] == n], stamps[part[numbers[part] == n]]) for n in range(3)}
+            wanted = {
+                n: Payloads(
+                    empty, empty, empty, part[numbers[part] == n], stamps[part[numbers[part] == n]]
+                )
+                for n in range(3)
+            }
             for payloads in steps.take(wanted).values():
                 told[payloads.records] = payloads.stamps_ns
         return told.tolist(), steps.about()

@@ -8,7 +8,9 @@ import pytest
 from spoofbench.testing.converters import run_converter_checks
 
 
-@pytest.mark.parametrize(("kind", "suffix"), [("ros1-lz4", "bag"), ("mcap", "mcap"), ("sqlite", "db3")])
+@pytest.mark.parametrize(
+    ("kind", "suffix"), [("ros1-lz4", "bag"), ("mcap", "mcap"), ("sqlite", "db3")]
+)
 def test_conformance(kind: str, suffix: str, sessions: Any, tmp_path: Path) -> None:
     path = sessions.WRITERS[kind](tmp_path / f"bag.{suffix}", sessions.drive(60))
     sample = path if path.is_file() else next(path.glob(f"*.{suffix}"))

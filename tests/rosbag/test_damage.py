@@ -21,7 +21,9 @@ def database(bag: Path) -> Path:
     return next(bag.glob("*.db3"))
 
 
-def test_unreadable_pages_cost_their_own_messages(maker: Any, convert_bag: Callable[..., Any]) -> None:
+def test_unreadable_pages_cost_their_own_messages(
+    maker: Any, convert_bag: Callable[..., Any]
+) -> None:
     session = maker.session(60)
     path = maker.bag(session)
     whole = convert_bag(path)
@@ -47,11 +49,18 @@ def test_a_truncated_file_keeps_its_beginning(maker: Any, convert_bag: Callable[
     assert hurt.used > len(session) // 4
 
 
-def test_topics_that_are_not_understood_are_counted(maker: Any, convert_bag: Callable[..., Any]) -> None:
+def test_topics_that_are_not_understood_are_counted(
+    maker: Any, convert_bag: Callable[..., Any]
+) -> None:
     session = maker.session(5)
     other = [("/camera", "sensor_msgs/msg/Image", START_NS + i, bytes(100_000)) for i in range(7)]
     maker.store.register(
-        {"sensor_msgs/msg/Image": ([], [("x", maker.store.fielddefs["aspn23_ros_interfaces/msg/TypeTimestamp"][1][0][1])])}
+        {
+            "sensor_msgs/msg/Image": (
+                [],
+                [("x", maker.store.fielddefs["aspn23_ros_interfaces/msg/TypeTimestamp"][1][0][1])],
+            )
+        }
     )
     result = convert_bag(maker.bag([*other, *session]))
     assert [(reject.offset, reject.length) for reject in result.rejects] == [(0, 7)]
@@ -59,7 +68,9 @@ def test_topics_that_are_not_understood_are_counted(maker: Any, convert_bag: Cal
     assert result.used == len(session)
 
 
-def test_messages_that_are_too_long_or_of_strange_types_cost_themselves(maker: Any, convert_bag: Callable[..., Any]) -> None:
+def test_messages_that_are_too_long_or_of_strange_types_cost_themselves(
+    maker: Any, convert_bag: Callable[..., Any]
+) -> None:
     session = maker.session(5)
     path = maker.bag(session)
     with sqlite3.connect(database(path)) as file:
@@ -73,7 +84,9 @@ def test_messages_that_are_too_long_or_of_strange_types_cost_themselves(maker: A
     assert sorted(reject.offset for reject in result.rejects) == [19, 29, 39, 49, 59]
 
 
-def test_a_locked_database_is_one_sentence(maker: Any, convert_bag: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_locked_database_is_one_sentence(
+    maker: Any, convert_bag: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     from spoofbench_converters.rosbag import sqlite_log
 
     monkeypatch.setattr(sqlite_log, "BUSY_MS", 10)
@@ -87,7 +100,9 @@ def test_a_locked_database_is_one_sentence(maker: Any, convert_bag: Callable[...
     assert convert_bag(path).used
 
 
-def test_converting_leaves_no_trace_beside_the_bag(maker: Any, convert_bag: Callable[..., Any]) -> None:
+def test_converting_leaves_no_trace_beside_the_bag(
+    maker: Any, convert_bag: Callable[..., Any]
+) -> None:
     path = maker.bag(maker.session(2))
     with sqlite3.connect(database(path)) as file:
         file.execute("PRAGMA journal_mode=WAL")
@@ -117,7 +132,9 @@ def test_a_bare_database_gives_the_same_rows(maker: Any, convert_bag: Callable[.
         ("compression_mode: ''", "compression_mode: " + "[" * 10_000, "cannot be read"),
     ],
 )
-def test_bags_that_cannot_be_read_are_one_sentence(maker: Any, convert_bag: Callable[..., Any], old: str, new: str, sentence: str) -> None:
+def test_bags_that_cannot_be_read_are_one_sentence(
+    maker: Any, convert_bag: Callable[..., Any], old: str, new: str, sentence: str
+) -> None:
     path = maker.bag(maker.session(1))
     about = path / "metadata.yaml"
     assert old in about.read_text()
@@ -127,7 +144,10 @@ def test_bags_that_cannot_be_read_are_one_sentence(maker: Any, convert_bag: Call
 
 
 def test_other_files_are_refused(tmp_path: Path, convert_bag: Callable[..., Any]) -> None:
-    for head, sentence, surety in ((b"#ROSBAG V1.2\n", "another version", 1), (b"hello", "is no bag", 0)):
+    for head, sentence, surety in (
+        (b"#ROSBAG V1.2\n", "another version", 1),
+        (b"hello", "is no bag", 0),
+    ):
         path = tmp_path / "file"
         path.write_bytes(head)
         assert rosbag.sniff(Source.of(path)) == surety
@@ -142,16 +162,23 @@ def test_other_files_are_refused(tmp_path: Path, convert_bag: Callable[..., Any]
     assert rosbag.sniff(Source.of(tmp_path)) == 0
 
 
-def test_views_that_pose_as_tables_are_not_read(tmp_path: Path, convert_bag: Callable[..., Any]) -> None:
+def test_views_that_pose_as_tables_are_not_read(
+    tmp_path: Path, convert_bag: Callable[..., Any]
+) -> None:
     with sqlite3.connect(tmp_path / "trap.db3") as file:
         file.execute("CREATE TABLE topics (id, name, type, serialization_format)")
-        file.execute("CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n) SELECT id FROM n")
+        file.execute(
+            "CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 "
+            "FROM n) SELECT id FROM n"
+        )
     file.close()
     with pytest.raises(ConversionError, match="no ROS 2 bag"):
         convert_bag(tmp_path / "trap.db3")
 
 
-def test_definitions_of_the_user_go_first(maker: Any, convert_bag: Callable[..., Any], tmp_path: Path) -> None:
+def test_definitions_of_the_user_go_first(
+    maker: Any, convert_bag: Callable[..., Any], tmp_path: Path
+) -> None:
     path = maker.bag(maker.session(2))
     folder = tmp_path / "aspn23_ros_interfaces" / "msg"
     folder.mkdir(parents=True)
@@ -162,7 +189,9 @@ def test_definitions_of_the_user_go_first(maker: Any, convert_bag: Callable[...,
     assert not result.used
     assert any("definition" in reason for reason in result.reasons)
     (folder / "TypeTimestamp.msg").write_text("int64 elapsed_nsec\n")
-    assert dict(convert_bag(path, definitions=str(tmp_path)).recording) == dict(convert_bag(path).recording)
+    assert dict(convert_bag(path, definitions=str(tmp_path)).recording) == dict(
+        convert_bag(path).recording
+    )
 
 
 def test_rosbags_reads_what_these_tests_write(maker: Any) -> None:

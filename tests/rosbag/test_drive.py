@@ -54,7 +54,14 @@ def test_recorder_runs_before_validity(imu: Table) -> None:
 
 
 def test_positions_are_the_receivers_decimals(pvt: Table) -> None:
-    for name, decimals in (("lat_deg", 7), ("lon_deg", 7), ("height_m", 3), ("vel_n_mps", 3), ("vel_e_mps", 3), ("vel_d_mps", 3)):
+    for name, decimals in (
+        ("lat_deg", 7),
+        ("lon_deg", 7),
+        ("height_m", 3),
+        ("vel_n_mps", 3),
+        ("vel_e_mps", 3),
+        ("vel_d_mps", 3),
+    ):
         assert np.array_equal(pvt[name], np.round(pvt[name], decimals)), name
 
 
@@ -82,7 +89,9 @@ def test_reference_tilt_follows_the_accelerometers_at_rest(imu: Table, reference
 
     x, y, z = (means(imu, imu[f"accel_{axis}_mps2"]) for axis in "xyz")
     first = np.searchsorted(reference.time_ns, seconds)
-    still = np.maximum.reduceat(np.hypot(reference["vel_n_mps"], reference["vel_e_mps"]), first) < 0.05
+    still = (
+        np.maximum.reduceat(np.hypot(reference["vel_n_mps"], reference["vel_e_mps"]), first) < 0.05
+    )
     assert still.sum() > 400
     roll = means(reference, reference["roll_deg"]) - np.rad2deg(np.arctan2(-y, -z))
     pitch = means(reference, reference["pitch_deg"]) - np.rad2deg(np.arctan2(x, np.hypot(y, z)))

@@ -36,7 +36,9 @@ def told(converted: Any) -> tuple[Any, ...]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_bag_gives_the_same_rows(kind: str, sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path) -> None:
+def test_every_kind_of_bag_gives_the_same_rows(
+    kind: str, sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path
+) -> None:
     session = sessions.drive(40)
     path = sessions.WRITERS[kind](tmp_path / "bag", session)
     assert rosbag.sniff(Source.of(path)) == 1
@@ -53,7 +55,9 @@ def test_rows_are_what_was_written(sessions: Any, expected: Any) -> None:
     pvt = expected.recording["/gnss0/gnss/pvt"]
     assert pvt["lat_deg"].tolist() == [fix["latitude"] for fix in fixes]
     assert pvt["height_m"].tolist() == [fix["altitude"] for fix in fixes]
-    assert pvt.time_ns.tolist() == [fix["header.stamp.sec"] * 10**9 + fix["header.stamp.nanosec"] for fix in fixes]
+    assert pvt.time_ns.tolist() == [
+        fix["header.stamp.sec"] * 10**9 + fix["header.stamp.nanosec"] for fix in fixes
+    ]
     for name, axis, sign in (("vel_n_mps", "y", 1), ("vel_e_mps", "x", 1), ("vel_d_mps", "z", -1)):
         assert pvt[name].tolist() == [sign * twist[f"twist.linear.{axis}"] for twist in twists]
     covariance = np.array([fix["position_covariance"] for fix in fixes])
@@ -61,12 +65,20 @@ def test_rows_are_what_was_written(sessions: Any, expected: Any) -> None:
     np.testing.assert_array_equal(pvt["cov_nn_m2"], np.where(kinds > 0, covariance[:, 4], np.nan))
     np.testing.assert_array_equal(pvt["cov_nd_m2"], np.where(kinds == 3, -covariance[:, 5], np.nan))
     imu = [message.values for message in session if message.topic == "/imu/data"]
-    assert expected.recording["/imu0/imu"]["gyro_y_radps"].tolist() == [message["angular_velocity.y"] for message in imu]
-    field = [message.values["magnetic_field.z"] * 1e6 for message in session if message.topic == "/imu/mag"]
+    assert expected.recording["/imu0/imu"]["gyro_y_radps"].tolist() == [
+        message["angular_velocity.y"] for message in imu
+    ]
+    field = [
+        message.values["magnetic_field.z"] * 1e6
+        for message in session
+        if message.topic == "/imu/mag"
+    ]
     assert expected.recording["/mag0/mag"]["field_z_ut"].tolist() == field
 
 
-def test_a_bag_under_another_name_or_packed_as_a_whole(sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path) -> None:
+def test_a_bag_under_another_name_or_packed_as_a_whole(
+    sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path
+) -> None:
     bag = sessions.write_ros1(tmp_path / "a.bag", sessions.drive(40))
     misnamed = bag.rename(tmp_path / "a.db3")
     assert told(convert_bag(misnamed)) == told(expected)
@@ -88,7 +100,9 @@ def test_a_bag_under_another_name_or_packed_as_a_whole(sessions: Any, expected: 
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
-def test_split_bags(storage: str, sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path) -> None:
+def test_split_bags(
+    storage: str, sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path
+) -> None:
     session = sessions.drive(40)
     third = len(session) // 3
     parts = [session[:third], session[third : 2 * third], session[2 * third :]]
@@ -104,7 +118,9 @@ def test_split_bags(storage: str, sessions: Any, expected: Any, convert_bag: Con
     name = f"part0.{suffix}"
     assert f"- {name}" in about
     listed = "\n".join(f"  - bag_{number}.{suffix}" for number in range(3))
-    about = about.replace(f"  - {name}", listed).replace(f"message_count: {third}\n", f"message_count: {len(session)}\n")
+    about = about.replace(f"  - {name}", listed).replace(
+        f"message_count: {third}\n", f"message_count: {len(session)}\n"
+    )
     (whole / "metadata.yaml").write_text(about)
     assert told(convert_bag(whole)) == told(expected)
     (whole / f"bag_1.{suffix}").unlink()
@@ -114,17 +130,33 @@ def test_split_bags(storage: str, sessions: Any, expected: Any, convert_bag: Con
 
 
 @pytest.mark.parametrize(
-    "options", [{"use_chunking": False}, {"use_statistics": False, "use_summary_offsets": False}, {"index_types": IndexType.NONE}]
+    "options",
+    [
+        {"use_chunking": False},
+        {"use_statistics": False, "use_summary_offsets": False},
+        {"index_types": IndexType.NONE},
+    ],
 )
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_mcap_of_other_writers(
-    options: dict[str, Any], compression: CompressionType, sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path
+    options: dict[str, Any],
+    compression: CompressionType,
+    sessions: Any,
+    expected: Any,
+    convert_bag: Convert,
+    tmp_path: Path,
 ) -> None:
     bag = next(sessions.write_ros2(tmp_path / "bag", sessions.drive(40), "MCAP").glob("*.mcap"))
-    assert told(convert_bag(sessions.rewrite(bag, tmp_path / "again.mcap", compression, **options))) == told(expected)
+    assert told(
+        convert_bag(sessions.rewrite(bag, tmp_path / "again.mcap", compression, **options))
+    ) == told(expected)
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
-def test_packed_messages_of_a_lone_file(storage: str, sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path) -> None:
+def test_packed_messages_of_a_lone_file(
+    storage: str, sessions: Any, expected: Any, convert_bag: Convert, tmp_path: Path
+) -> None:
     folder = sessions.write_ros2(tmp_path / "bag", sessions.drive(40), storage, "MESSAGE")
-    assert told(convert_bag(next(path for path in folder.iterdir() if path.suffix != ".yaml"))) == told(expected)
+    assert told(
+        convert_bag(next(path for path in folder.iterdir() if path.suffix != ".yaml"))
+    ) == told(expected)

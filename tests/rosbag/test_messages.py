@@ -1,4 +1,6 @@
-"""What standard messages say, what is made of topics, and bags that were cut off or never closed."""
+"""What standard messages say, what is made of topics, and bags that were cut off or never
+closed.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +19,12 @@ from spoofbench.schema.v1 import gnss_pb2
 
 Convert = Callable[..., Any]
 STORE = get_typestore(Stores.ROS2_HUMBLE)
-STORE.register({name: (list(constants), list(fields)) for name, (constants, fields) in definitions.known().items()})
+STORE.register(
+    {
+        name: (list(constants), list(fields))
+        for name, (constants, fields) in definitions.known().items()
+    }
+)
 
 
 def bag(sessions: Any, path: Path, *topics: tuple[str, str, dict[str, Any]]) -> Path:
@@ -32,13 +39,23 @@ def bag(sessions: Any, path: Path, *topics: tuple[str, str, dict[str, Any]]) -> 
     return written
 
 
-def test_what_a_message_says_it_does_not_have_is_absent(sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
+def test_what_a_message_says_it_does_not_have_is_absent(
+    sessions: Any, convert_bag: Convert, tmp_path: Path
+) -> None:
     unknown = np.array([-1.0] + [0.0] * 8)
     neither = {"angular_velocity_covariance": unknown, "linear_acceleration_covariance": unknown}
     path = bag(
         sessions,
         tmp_path / "bag",
-        ("/a", sessions.IMU, {"linear_acceleration.x": 1.0, "angular_velocity.x": 2.0, "linear_acceleration_covariance": unknown}),
+        (
+            "/a",
+            sessions.IMU,
+            {
+                "linear_acceleration.x": 1.0,
+                "angular_velocity.x": 2.0,
+                "linear_acceleration_covariance": unknown,
+            },
+        ),
         ("/b", sessions.IMU, neither),
         ("/fix", sessions.FIX, {"status.status": -1}),
     )
@@ -54,7 +71,9 @@ def test_what_a_message_says_it_does_not_have_is_absent(sessions: Any, convert_b
     assert (result.used, result.skipped) == (8, 4)
 
 
-def test_a_time_reference_belongs_to_its_receiver(sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
+def test_a_time_reference_belongs_to_its_receiver(
+    sessions: Any, convert_bag: Convert, tmp_path: Path
+) -> None:
     reference = sessions.time("time_ref", sessions.START_NS + 18 * sessions.SECOND_NS)
     path = bag(
         sessions,
@@ -77,21 +96,45 @@ def test_gps_fix_and_its_satellites(sessions: Any, convert_bag: Convert, tmp_pat
         "status.satellites_used": 1,
         "status.status": 19,
     }
-    fix = {"latitude": 42.0, "longitude": -71.0, "altitude": 12.0, "track": 90.0, "speed": 5.0, "climb": 1.0, "hdop": 0.9, "err_horz": 2.0}
-    recording = convert_bag(bag(sessions, tmp_path / "bag", ("/f", "gps_msgs/msg/GPSFix", {**fix, **satellites}))).recording
+    fix = {
+        "latitude": 42.0,
+        "longitude": -71.0,
+        "altitude": 12.0,
+        "track": 90.0,
+        "speed": 5.0,
+        "climb": 1.0,
+        "hdop": 0.9,
+        "err_horz": 2.0,
+    }
+    recording = convert_bag(
+        bag(sessions, tmp_path / "bag", ("/f", "gps_msgs/msg/GPSFix", {**fix, **satellites}))
+    ).recording
     pvt, signal = recording["/gnss0/gnss/pvt"], recording["/gnss0/gnss/signal"]
-    said = {"height_msl_m": 12, "course_deg": 90, "speed_mps": 5, "vel_d_mps": -1, "hdop": 0.9, "h_acc_m": 2, "num_sv": 1}
+    said = {
+        "height_msl_m": 12,
+        "course_deg": 90,
+        "speed_mps": 5,
+        "vel_d_mps": -1,
+        "hdop": 0.9,
+        "h_acc_m": 2,
+        "num_sv": 1,
+    }
     assert {name: float(pvt[name][0]) for name in said} == said
     assert not pvt.has("pdop")
     assert pvt["fix_type"][0] == gnss_pb2.FIX_TYPE_RTK_FIXED
     assert signal["svid"][:3].tolist() == [3, 6, 300]
-    assert signal["constellation"][:2].tolist() == [gnss_pb2.CONSTELLATION_GPS, gnss_pb2.CONSTELLATION_GLONASS]
+    assert signal["constellation"][:2].tolist() == [
+        gnss_pb2.CONSTELLATION_GPS,
+        gnss_pb2.CONSTELLATION_GLONASS,
+    ]
     assert signal.valid("constellation")[:3].tolist() == [True, True, False]
     assert signal["used"][:3].tolist() == [True, False, False]
     np.testing.assert_array_equal(signal["cn0_dbhz"][:3], np.array([40, np.nan, 35], np.float32))
 
 
-def test_what_nothing_says_is_a_receivers_or_of_wheels_is_declined(sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
+def test_what_nothing_says_is_a_receivers_or_of_wheels_is_declined(
+    sessions: Any, convert_bag: Convert, tmp_path: Path
+) -> None:
     path = bag(
         sessions,
         tmp_path / "bag",
@@ -112,7 +155,9 @@ def test_what_nothing_says_is_a_receivers_or_of_wheels_is_declined(sessions: Any
 
 
 @pytest.mark.parametrize("kind", ["ros1", "ros1-lz4", "mcap", "mcap-chunk-zstd"])
-def test_a_bag_without_its_end(kind: str, sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
+def test_a_bag_without_its_end(
+    kind: str, sessions: Any, convert_bag: Convert, tmp_path: Path
+) -> None:
     session = sessions.drive(60)
     path = sessions.WRITERS[kind](tmp_path / "bag", session)
     bag_file = path if path.is_file() else next(path.glob("*.mcap"))
@@ -127,9 +172,13 @@ def test_a_bag_without_its_end(kind: str, sessions: Any, convert_bag: Convert, t
             assert set(table.time_ns.tolist()) <= set(whole.recording[topic].time_ns.tolist())
 
 
-def test_a_plain_chunk_of_a_wrong_checksum_is_read_and_said_so(sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
+def test_a_plain_chunk_of_a_wrong_checksum_is_read_and_said_so(
+    sessions: Any, convert_bag: Convert, tmp_path: Path
+) -> None:
     folder = sessions.write_ros2(tmp_path / "bag", sessions.drive(10), "MCAP")
-    path = sessions.rewrite(next(folder.glob("*.mcap")), tmp_path / "checked.mcap", CompressionType.NONE)
+    path = sessions.rewrite(
+        next(folder.glob("*.mcap")), tmp_path / "checked.mcap", CompressionType.NONE
+    )
     whole = convert_bag(path)
     octets = bytearray(path.read_bytes())
     octets[len(octets) // 3] ^= 1
@@ -154,7 +203,11 @@ def test_unpacking_is_bounded_and_keeps_what_precedes_damage(packing: str) -> No
     import lz4.frame
     import zstandard
 
-    pack = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": zstandard.ZstdCompressor().compress}[packing]
+    pack = {
+        "bz2": bz2.compress,
+        "lz4": lz4.frame.compress,
+        "zstd": zstandard.ZstdCompressor().compress,
+    }[packing]
     data = np.random.default_rng(2).bytes(2_000_000)
     assert unpack(pack(data), packing, len(data)) == (data, None)
     assert len(unpack(pack(bytes(100_000_000)), packing, 1000)[0]) == 1000
@@ -164,19 +217,39 @@ def test_unpacking_is_bounded_and_keeps_what_precedes_damage(packing: str) -> No
     assert len(part) > 1_000_000 * (packing != "bz2")
 
 
-def test_one_receiver_of_several_is_converted_with_all_other_kinds(sessions: Any, convert_bag: Convert, tmp_path: Path) -> None:
+def test_one_receiver_of_several_is_converted_with_all_other_kinds(
+    sessions: Any, convert_bag: Convert, tmp_path: Path
+) -> None:
     session = sessions.drive(10)
-    second = [replace(message, topic=f"/b{message.topic}") for message in session if message.topic.startswith("/gps")]
-    sentences = [sessions.Message("/nmea", "nmea_msgs/msg/Sentence", message.stamp_ns, {"sentence": "$GPTXT*"}) for message in second]
+    second = [
+        replace(message, topic=f"/b{message.topic}")
+        for message in session
+        if message.topic.startswith("/gps")
+    ]
+    sentences = [
+        sessions.Message(
+            "/nmea", "nmea_msgs/msg/Sentence", message.stamp_ns, {"sentence": "$GPTXT*"}
+        )
+        for message in second
+    ]
     store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg("std_msgs/Header header\nstring sentence\n", "nmea_msgs/msg/Sentence"))
+    store.register(
+        get_types_from_msg("std_msgs/Header header\nstring sentence\n", "nmea_msgs/msg/Sentence")
+    )
     path = sessions.write_ros2(tmp_path / "bag", session + second + sentences, store=store)
     only = convert_bag(path, source="/b/gps/fix")
     assert set(only.recording) == {"/imu0/imu", "/mag0/mag", "/gnss0/gnss/pvt"}
     assert only.recording["/gnss0/gnss/pvt"].has("lat_deg", "vel_e_mps")
     assert only.recording.metadata["source/gnss0"]["topic"] == "/b/gps/fix /b/gps/vel"
-    assert only.reasons == {f"topic '{name}': not asked for" for name in ("/gps/fix", "/gps/vel", "/nmea")}
-    assert set(convert_bag(path, source="/imu/data").recording) == {"/imu0/imu", "/mag0/mag", "/gnss0/gnss/pvt", "/gnss1/gnss/pvt"}
+    assert only.reasons == {
+        f"topic '{name}': not asked for" for name in ("/gps/fix", "/gps/vel", "/nmea")
+    }
+    assert set(convert_bag(path, source="/imu/data").recording) == {
+        "/imu0/imu",
+        "/mag0/mag",
+        "/gnss0/gnss/pvt",
+        "/gnss1/gnss/pvt",
+    }
     assert set(convert_bag(path, source="/nmea").recording) == {"/imu0/imu", "/mag0/mag"}
     with pytest.raises(ConversionError, match="/gps/fix"):
         convert_bag(path, source="/gps/fxi")

@@ -1,4 +1,6 @@
-"""What is read from a database's pages is what queries give, message by message, also where the database is odd or damaged."""
+"""What is read from a database's pages is what queries give, message by message, also where the
+database is odd or damaged.
+"""
 
 import random
 import sqlite3
@@ -18,11 +20,30 @@ from spoofbench_converters.rosbag.pages import Pages, Unusual
 from spoofbench.converting import Reject
 from spoofbench.errors import ConversionError
 
-MESSAGES = "CREATE TABLE messages(id INTEGER PRIMARY KEY,topic_id INTEGER NOT NULL,timestamp INTEGER NOT NULL, data BLOB NOT NULL)"
-TOPICS = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
+MESSAGES = (
+    "CREATE TABLE messages(id INTEGER PRIMARY KEY,topic_id INTEGER NOT NULL,timestamp INTEGER NOT "
+    "NULL, data BLOB NOT NULL)"
+)
+TOPICS = (
+    "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
+)
 WANTED = frozenset({0, 1, 2, 300})
 DECLARED = WANTED | {3, 1000}
-STAMPS = (0, 1, -1, 127, -128, 40_000, -9_000_000, 2**31, -(2**40), 2**47, 2**62, -(2**63), 1_700_000_000_000_000_000)
+STAMPS = (
+    0,
+    1,
+    -1,
+    127,
+    -128,
+    40_000,
+    -9_000_000,
+    2**31,
+    -(2**40),
+    2**47,
+    2**62,
+    -(2**63),
+    1_700_000_000_000_000_000,
+)
 LEAF = 13
 SIZES = (0, 1, 57, 58, 100, 164, 796)
 
@@ -54,7 +75,13 @@ def make(path: Path, shape: Shape) -> None:
     chance = random.Random(shape.seed)
     keys = list(range(1, shape.count + 1))
     rows: list[Row] = [
-        (key, chance.choice((*sorted(DECLARED), 99)), chance.choice(STAMPS), chance.randbytes(chance.choice(SIZES))) for key in keys
+        (
+            key,
+            chance.choice((*sorted(DECLARED), 99)),
+            chance.choice(STAMPS),
+            chance.randbytes(chance.choice(SIZES)),
+        )
+        for key in keys
     ]
     if shape.shuffled:
         chance.shuffle(rows)
@@ -65,14 +92,20 @@ def make(path: Path, shape: Shape) -> None:
         database.execute(MESSAGES.replace(" NOT NULL", ""))
         if shape.indexed:
             database.execute("CREATE INDEX timestamp_idx ON messages (timestamp ASC)")
-        database.executemany("INSERT INTO topics VALUES (?, '/a', 'b/msg/C', 'cdr')", [(number,) for number in sorted(DECLARED)])
+        database.executemany(
+            "INSERT INTO topics VALUES (?, '/a', 'b/msg/C', 'cdr')",
+            [(number,) for number in sorted(DECLARED)],
+        )
         database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", rows)
         gone = [row for row in rows if chance.random() < shape.deleted]
         database.executemany("DELETE FROM messages WHERE id = ?", [row[:1] for row in gone])
         database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", gone[::2])
         database.executemany(
             "INSERT OR REPLACE INTO messages VALUES (?, ?, ?, ?)",
-            [(*row, bytes(data.size) if isinstance(data, Blob) else data) for *row, data in shape.odd],
+            [
+                (*row, bytes(data.size) if isinstance(data, Blob) else data)
+                for *row, data in shape.odd
+            ],
         )
         database.execute("PRAGMA writable_schema=ON")
         database.execute("UPDATE sqlite_master SET sql = ? WHERE name = 'messages'", (MESSAGES,))
@@ -81,7 +114,9 @@ def make(path: Path, shape: Shape) -> None:
 
 @dataclass
 class Content:
-    """What reading gave: messages and rejects by ordinal, other topics, how many records; or a refusal."""
+    """What reading gave: messages and rejects by ordinal, other topics, how many records; or a
+    refusal.
+    """
 
     messages: dict[int, tuple[int, int, bytes]] = field(default_factory=dict)
     others: dict[int, tuple[int, int]] = field(default_factory=dict)
@@ -112,9 +147,15 @@ def _add(result: Content, slab: slabs.Slab | Reject) -> None:
         before, first = result.others.get(number, (0, first))
         result.others[number] = (before + count, first)
     for number, mine in slab.wanted.items():
-        for record, stamp, start, length in zip(*map(list, (mine.records, mine.stamps_ns, mine.starts, mine.lengths)), strict=True):
+        for record, stamp, start, length in zip(
+            *map(list, (mine.records, mine.stamps_ns, mine.starts, mine.lengths)), strict=True
+        ):
             assert record not in result.messages
-            result.messages[int(record)] = (number, int(stamp), mine.octets[start : start + length].tobytes())
+            result.messages[int(record)] = (
+                number,
+                int(stamp),
+                mine.octets[start : start + length].tobytes(),
+            )
 
 
 def by_queries(path: Path) -> Content:
@@ -149,10 +190,12 @@ shapes = st.builds(
 )
 odd_rows = st.lists(
     st.tuples(
-        st.integers(-5, 450) | st.sampled_from([2**20, 2**40, 2**56 - 1, 2**56, 2**63 - 1, -(2**63)]),
+        st.integers(-5, 450)
+        | st.sampled_from([2**20, 2**40, 2**56 - 1, 2**56, 2**63 - 1, -(2**63)]),
         st.sampled_from([*DECLARED, 99, -5, 2**40]) | st.sampled_from([None, "text", 1.5, b"blob"]),
         st.sampled_from(STAMPS) | st.sampled_from([None, "noon", 0.25, b""]),
-        st.sampled_from([None, "text", 7, 0.5]) | st.sampled_from([0, 400, 4057, 4058, 16_383, 16_384, 16_385, 70_000, 200_000]).map(Blob),
+        st.sampled_from([None, "text", 7, 0.5])
+        | st.sampled_from([0, 400, 4057, 4058, 16_383, 16_384, 16_385, 70_000, 200_000]).map(Blob),
     ),
     max_size=8,
 ).map(tuple)
@@ -161,7 +204,9 @@ odd_rows = st.lists(
 @given(shape=shapes, slab_bytes=st.sampled_from([1, 20_000, 4_000_000]))
 @settings(max_examples=60, deadline=None)
 def test_sound_bags_are_read_from_their_pages_alone(shape: Shape, slab_bytes: int) -> None:
-    shape = Shape(**{**shape.__dict__, "page_bytes": max(shape.page_bytes, 1024)})  # so that no message overflows its page
+    shape = Shape(
+        **{**shape.__dict__, "page_bytes": max(shape.page_bytes, 1024)}
+    )  # so that no message overflows its page
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr(pages, "SLAB_BYTES", slab_bytes)
         path = Path(folder) / "bag.db3"
@@ -176,9 +221,13 @@ def test_sound_bags_are_read_from_their_pages_alone(shape: Shape, slab_bytes: in
 
 @given(shape=shapes, odd=odd_rows, slab_bytes=st.sampled_from([1, 20_000, 4_000_000]))
 @example(shape=Shape(65_536), odd=((9, 1, 1, Blob(16_385)),), slab_bytes=1)
-@example(shape=Shape(65_536), odd=((9, 3, 1, Blob(16_385)), (10, 99, 1, Blob(200_000))), slab_bytes=1)
+@example(
+    shape=Shape(65_536), odd=((9, 3, 1, Blob(16_385)), (10, 99, 1, Blob(200_000))), slab_bytes=1
+)
 @settings(max_examples=150, deadline=None)
-def test_odd_rows_are_read_as_queries_read_them(shape: Shape, odd: tuple[Row, ...], slab_bytes: int) -> None:
+def test_odd_rows_are_read_as_queries_read_them(
+    shape: Shape, odd: tuple[Row, ...], slab_bytes: int
+) -> None:
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr(pages, "SLAB_BYTES", slab_bytes)
         path = Path(folder) / "bag.db3"
@@ -188,7 +237,9 @@ def test_odd_rows_are_read_as_queries_read_them(shape: Shape, odd: tuple[Row, ..
 
 
 def structure(octets: bytes, page_bytes: int, page: int, where: int, cell: int) -> int:
-    """Return a place that says something of a database's structure: in its header, or in a page's head, pointers or cells."""
+    """Return a place that says something of a database's structure: in its header, or in a page's
+    head, pointers or cells.
+    """
     start = page * page_bytes
     if page == 0:
         return 16 + where
@@ -218,7 +269,11 @@ damages = st.tuples(
 )
 @settings(max_examples=500, deadline=None)
 def test_damaged_bags_are_read_as_queries_read_them(
-    shape: Shape, odd: tuple[Row, ...], slab_bytes: int, damage: list[tuple[int, int, int, int]], kept: float
+    shape: Shape,
+    odd: tuple[Row, ...],
+    slab_bytes: int,
+    damage: list[tuple[int, int, int, int]],
+    kept: float,
 ) -> None:
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr(pages, "SLAB_BYTES", slab_bytes)
@@ -239,9 +294,18 @@ def test_damaged_bags_are_read_as_queries_read_them(
     "columns",
     [
         "id INTEGER, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, data BLOB NOT NULL",
-        "id INTEGER PRIMARY KEY DESC, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, data BLOB NOT NULL",
-        "id INTEGER PRIMARY KEY, timestamp INTEGER NOT NULL, topic_id INTEGER NOT NULL, data BLOB NOT NULL",
-        "id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, data BLOB NOT NULL, more TEXT",
+        (
+            "id INTEGER PRIMARY KEY DESC, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, "
+            "data BLOB NOT NULL"
+        ),
+        (
+            "id INTEGER PRIMARY KEY, timestamp INTEGER NOT NULL, topic_id INTEGER NOT NULL, data "
+            "BLOB NOT NULL"
+        ),
+        (
+            "id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, data "
+            "BLOB NOT NULL, more TEXT"
+        ),
     ],
 )
 def test_other_tables_are_read_by_queries(tmp_path: Path, columns: str) -> None:
@@ -250,12 +314,15 @@ def test_other_tables_are_read_by_queries(tmp_path: Path, columns: str) -> None:
         database.execute(TOPICS)
         database.execute(f"CREATE TABLE messages({columns})")
         database.executemany(
-            "INSERT INTO messages(id, topic_id, timestamp, data) VALUES (?, 1, ?, ?)", [(i, 10 - i, bytes(i)) for i in range(1, 9)]
+            "INSERT INTO messages(id, topic_id, timestamp, data) VALUES (?, 1, ?, ?)",
+            [(i, 10 - i, bytes(i)) for i in range(1, 9)],
         )
         database.commit()
     read = content(path)
     assert read == by_queries(path)
-    assert [message[1:] for message in read.messages.values()] == [(10 - i, bytes(i)) for i in range(1, 9)]
+    assert [message[1:] for message in read.messages.values()] == [
+        (10 - i, bytes(i)) for i in range(1, 9)
+    ]
 
 
 def test_a_write_ahead_log_is_read(tmp_path: Path) -> None:

@@ -18,24 +18,35 @@ def test_values_are_those_of_the_messages(maker: Any, convert_bag: Callable[...,
     result = convert_bag(maker.bag(session))
     assert result.used == len(session)
     assert not result.rejects
-    by_topic = {topic: [message for name, _, _, message in session if name == topic] for topic in {row[0] for row in session}}
+    by_topic = {
+        topic: [message for name, _, _, message in session if name == topic]
+        for topic in {row[0] for row in session}
+    }
     imu, pvt, pva = (result.recording[topic] for topic in ("/imu0/imu", EPOCHS, "/reference/pva"))
     accel = np.array([message.meas_accel for message in by_topic[maker.imu]])
-    order = np.argsort([message.time_of_validity.elapsed_nsec for message in by_topic[maker.imu]], kind="stable")
+    order = np.argsort(
+        [message.time_of_validity.elapsed_nsec for message in by_topic[maker.imu]], kind="stable"
+    )
     assert np.array_equal(imu["accel_y_mps2"], accel[order, 1] / 0.02)
     assert set(imu["interval_s"].tolist()) == {0.02}
     positions, velocities = by_topic[maker.position], by_topic[maker.velocity]
-    assert pvt["lat_deg"] == pytest.approx([np.degrees(message.term1) for message in positions], rel=1e-15)
+    assert pvt["lat_deg"] == pytest.approx(
+        [np.degrees(message.term1) for message in positions], rel=1e-15
+    )
     assert pvt["vel_e_mps"].tolist() == [message.y for message in velocities]
     assert pvt["cov_nd_m2"].tolist() == [-message.covariance[2] for message in positions]
     assert pvt["cov_dd_m2"].tolist() == [message.covariance[8] for message in positions]
     assert pvt["cov_vel_nd_m2ps2"].tolist() == [message.covariance[2] for message in velocities]
     assert not pvt.has("h_acc_m")
     assert pva["vel_d_mps"].tolist() == [message.v3 for message in by_topic[maker.pva]]
-    assert pva["receive_time_ns"].tolist() == [stamp for topic, _, stamp, _ in session if topic == maker.pva]
+    assert pva["receive_time_ns"].tolist() == [
+        stamp for topic, _, stamp, _ in session if topic == maker.pva
+    ]
 
 
-def test_slabs_do_not_matter(maker: Any, convert_bag: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slabs_do_not_matter(
+    maker: Any, convert_bag: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = maker.bag(maker.session())
     whole = convert_bag(path)
     for slab, fetched in ((1, 1), (37, 5), (400, 512)):
@@ -49,7 +60,10 @@ def test_slabs_do_not_matter(maker: Any, convert_bag: Callable[..., Any], monkey
 def test_half_epochs_become_rows_of_their_own(maker: Any, convert_bag: Callable[..., Any]) -> None:
     times = [START_NS + i * SECOND_NS for i in range(40)]
     messages = [
-        maker.message(kind, t) for i, t in enumerate(times) for kind, missing in (("position", 5), ("velocity", 30)) if i != missing
+        maker.message(kind, t)
+        for i, t in enumerate(times)
+        for kind, missing in (("position", 5), ("velocity", 30))
+        if i != missing
     ]
     result = convert_bag(maker.bag(messages))
     pvt = result.recording[EPOCHS]
@@ -90,15 +104,22 @@ def test_sampled_rows_stay_as_they_are(maker: Any, convert_bag: Callable[..., An
 
 def test_a_lone_integrated_row_has_no_interval(maker: Any, convert_bag: Callable[..., Any]) -> None:
     path = maker.bag([maker.message("imu", START_NS), maker.message("velocity", START_NS)])
-    assert [reject.reason for reject in convert_bag(path).rejects] == [f"{maker.imu}: a lone integrated row has no interval"]
+    assert [reject.reason for reject in convert_bag(path).rejects] == [
+        f"{maker.imu}: a lone integrated row has no interval"
+    ]
     assert len(convert_bag(path, imu_interval_s=0.01).recording["/imu0/imu"]) == 1
 
 
-@pytest.mark.parametrize(("rate_hz", "nominal_s"), [(100, 0.01), (99.7, 0.01), (1 / 2.56, 2.56), (200.4, 0.005), (12.5, 0.08)])
+@pytest.mark.parametrize(
+    ("rate_hz", "nominal_s"),
+    [(100, 0.01), (99.7, 0.01), (1 / 2.56, 2.56), (200.4, 0.005), (12.5, 0.08)],
+)
 def test_nominal_interval(rate_hz: float, nominal_s: float) -> None:
     rng = np.random.default_rng(2)
     times = np.arange(1000) * 1e9 / rate_hz + rng.normal(0, 0.02e9 / rate_hz, 1000)
-    assert streams.nominal_interval_s({"time_ns": times.astype(np.int64)}) == pytest.approx(nominal_s, rel=2e-3)
+    assert streams.nominal_interval_s({"time_ns": times.astype(np.int64)}) == pytest.approx(
+        nominal_s, rel=2e-3
+    )
 
 
 @pytest.mark.parametrize(
@@ -114,34 +135,65 @@ def test_nominal_interval(rate_hz: float, nominal_s: float) -> None:
 def test_what_cannot_be_used_is_refused_with_a_reason(
     maker: Any, convert_bag: Callable[..., Any], kind: str, changes: dict[str, Any], reason: str
 ) -> None:
-    messages = [maker.message(kind, START_NS + i * SECOND_NS, **(changes if i == 3 else {})) for i in range(6)]
+    messages = [
+        maker.message(kind, START_NS + i * SECOND_NS, **(changes if i == 3 else {}))
+        for i in range(6)
+    ]
     result = convert_bag(maker.bag(messages))
     assert [(reject.offset, reject.length) for reject in result.rejects] == [(3, 1)]
     assert reason in result.rejects[0].reason
     assert result.used == 5
 
 
-def test_awkward_layouts_and_byte_orders_give_the_same_rows(maker: Any, convert_bag: Callable[..., Any], tmp_path: Path) -> None:
-    inner = maker.store.types[f"{aspn23.IMU.rpartition('/')[0]}/TypeIntegrity"](integrity_method=17, integrity_value=0.5)
+def test_awkward_layouts_and_byte_orders_give_the_same_rows(
+    maker: Any, convert_bag: Callable[..., Any], tmp_path: Path
+) -> None:
+    inner = maker.store.types[f"{aspn23.IMU.rpartition('/')[0]}/TypeIntegrity"](
+        integrity_method=17, integrity_value=0.5
+    )
     plain = [maker.message("position", START_NS + i * SECOND_NS) for i in range(30)]
     awkward = []
     for i, (topic, kind, stamp, message) in enumerate(plain):
-        changed = type(message)(**{**vars(message), "integrity": [inner] * (i % 3), "num_integrity": i % 3})
-        awkward.append((topic, kind, stamp, bytes(maker.store.serialize_cdr(changed, kind, little_endian=bool(i % 2)))))
-    one, two = (convert_bag(maker.bag(messages, name)) for messages, name in ((plain, "plain"), (awkward, "awkward")))
+        changed = type(message)(
+            **{**vars(message), "integrity": [inner] * (i % 3), "num_integrity": i % 3}
+        )
+        awkward.append(
+            (
+                topic,
+                kind,
+                stamp,
+                bytes(maker.store.serialize_cdr(changed, kind, little_endian=bool(i % 2))),
+            )
+        )
+    one, two = (
+        convert_bag(maker.bag(messages, name))
+        for messages, name in ((plain, "plain"), (awkward, "awkward"))
+    )
     assert one.recording[EPOCHS] == two.recording[EPOCHS]
 
 
-def test_jitter_is_sorted_and_a_step_back_is_refused(maker: Any, convert_bag: Callable[..., Any]) -> None:
+def test_jitter_is_sorted_and_a_step_back_is_refused(
+    maker: Any, convert_bag: Callable[..., Any]
+) -> None:
     times = [START_NS + int(s * SECOND_NS) for s in (0, 1, 0.8, 2, 3, 1.9, 4, 5)]
-    result = convert_bag(maker.bag([maker.message("pva", t, stamp_ns=START_NS + i) for i, t in enumerate(times)]))
+    result = convert_bag(
+        maker.bag([maker.message("pva", t, stamp_ns=START_NS + i) for i, t in enumerate(times)])
+    )
     assert result.recording["/reference/pva"].time_ns.tolist() == sorted(times[:5] + times[6:])
-    assert [(reject.offset, reject.reason) for reject in result.rejects] == [(5, f"time runs backwards in {maker.pva}")]
+    assert [(reject.offset, reject.reason) for reject in result.rejects] == [
+        (5, f"time runs backwards in {maker.pva}")
+    ]
 
 
-def test_reference_is_a_device_of_its_own_or_as_told(maker: Any, convert_bag: Callable[..., Any]) -> None:
+def test_reference_is_a_device_of_its_own_or_as_told(
+    maker: Any, convert_bag: Callable[..., Any]
+) -> None:
     own, foreign = "/sensor/receiver/pva", "/sensor/ins/pva"
-    messages = [maker.message("pva", START_NS + i * SECOND_NS, topic=topic) for i in range(3) for topic in (own, foreign)]
+    messages = [
+        maker.message("pva", START_NS + i * SECOND_NS, topic=topic)
+        for i in range(3)
+        for topic in (own, foreign)
+    ]
     messages += [maker.message("position", START_NS + i * SECOND_NS) for i in range(3)]
     path = maker.bag(messages)
     chosen = convert_bag(path).recording
@@ -168,7 +220,9 @@ def test_roll_pitch_yaw_against_rotation_matrices() -> None:
     assert angles["pitch_deg"] == pytest.approx(pitch)
     assert angles["yaw_deg"] == pytest.approx(yaw % 360)
     swap = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
-    turned = attitude.roll_pitch_yaw(attitude.enu_to_ned(np.roll((swap * rotation * swap.inv()).as_quat(), 1, axis=1)))
+    turned = attitude.roll_pitch_yaw(
+        attitude.enu_to_ned(np.roll((swap * rotation * swap.inv()).as_quat(), 1, axis=1))
+    )
     assert turned["yaw_deg"] == pytest.approx(yaw % 360)
     assert turned["roll_deg"] == pytest.approx(roll)
 

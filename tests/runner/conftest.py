@@ -54,8 +54,13 @@ def make_suite(fakes: Path, logs: Path) -> MakeSuite:
             "target_far_per_hour": 3.5,
             "limits": Limits(time_s=20.0, memory_mb=256),
             "recordings": tuple(RecordingEntry(name, path, name) for name, path in paths.items()),
-            "attacks": tuple(AttackEntry(entry, entry) if isinstance(entry, str) else entry for entry in attacks),
-            "detectors": tuple(DetectorEntry(entry, entry) if isinstance(entry, str) else entry for entry in detectors),
+            "attacks": tuple(
+                AttackEntry(entry, entry) if isinstance(entry, str) else entry for entry in attacks
+            ),
+            "detectors": tuple(
+                DetectorEntry(entry, entry) if isinstance(entry, str) else entry
+                for entry in detectors
+            ),
         }
         return Suite(**(given | changes))
 

@@ -14,11 +14,21 @@ from spoofbench.suite import AttackEntry, DetectorEntry, Limits, RecordingEntry,
 from spoofbench.testing.recordings import drive, spoofed_drive
 
 MakeSuite = Callable[..., Suite]
-WORDS = ("telling-attack", "telling-recording", "telling-session", "telling-suite", "telling-results", "telling-file", "987654321987")
+WORDS = (
+    "telling-attack",
+    "telling-recording",
+    "telling-session",
+    "telling-suite",
+    "telling-results",
+    "telling-file",
+    "987654321987",
+)
 needs_proc = pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="needs /proc")
 
 
-def spy_on(make_suite: MakeSuite, logs: Path, folder: Path, words: tuple[str, ...]) -> set[tuple[str, str | None]]:
+def spy_on(
+    make_suite: MakeSuite, logs: Path, folder: Path, words: tuple[str, ...]
+) -> set[tuple[str, str | None]]:
     copy = folder / "telling-file.mcap"
     copy.write_bytes((logs / "drive-1.mcap").read_bytes())
     suite = make_suite(
@@ -43,14 +53,19 @@ def test_no_name_seed_or_place_is_in_its_memory_arguments_or_environment(
 
 @needs_proc
 def test_the_spy_finds_what_is_there(make_suite: MakeSuite, logs: Path, tmp_path: Path) -> None:
-    ((status, reason),) = spy_on(make_suite, logs, tmp_path, ("no such word anywhere", "/gnss0/gnss/pvt"))
+    ((status, reason),) = spy_on(
+        make_suite, logs, tmp_path, ("no such word anywhere", "/gnss0/gnss/pvt")
+    )
     assert status == "failed"
     assert (reason or "").startswith("AssertionError: found word 1")
 
 
 def test_a_missing_kind_does_not_tell_an_attack(make_suite: MakeSuite, tmp_path: Path) -> None:
     run(make_suite(["opportunist"]), tmp_path)
-    alerts = {task.attack: read_outcome(tmp_path, task.task_id).decisions.alert.all() for task in read_tasks(tmp_path)}
+    alerts = {
+        task.attack: read_outcome(tmp_path, task.task_id).decisions.alert.all()
+        for task in read_tasks(tmp_path)
+    }
     assert alerts == {None: True, "nudge": True}
 
 

@@ -22,12 +22,16 @@ UNTIMED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 DIGESTS = st.sampled_from("0123456789abcdef").map(lambda letter: letter * 64)
 LABELS = st.text("abcxyz-", min_size=1, max_size=4).map(lambda text: f"n{text}")
 PARAMETERS = st.dictionaries(
-    LABELS, st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.integers(), st.text(max_size=3)), max_size=3
+    LABELS,
+    st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.integers(), st.text(max_size=3)),
+    max_size=3,
 )
 
 
 def part(entry: AttackEntry | DetectorEntry, group: plugins.Group, code: str, version: str) -> Part:
-    plugin = Plugin(group, entry.plugin, "somebody", version, EntryPoint(entry.plugin, "module:Thing", group))
+    plugin = Plugin(
+        group, entry.plugin, "somebody", version, EntryPoint(entry.plugin, "module:Thing", group)
+    )
     return Part(entry, plugin, entry.parameters, entry.parameters, code)
 
 
@@ -48,7 +52,13 @@ def inputs(draw: st.DrawFn) -> dict[str, Any]:
     }
 
 
-PART = {"id": LABELS, "plugin": LABELS, "parameters": PARAMETERS, "code": DIGESTS, "version": LABELS}
+PART = {
+    "id": LABELS,
+    "plugin": LABELS,
+    "parameters": PARAMETERS,
+    "code": DIGESTS,
+    "version": LABELS,
+}
 
 
 def planned(given: dict[str, Any]) -> tuple[PlannedTask, PlannedTask]:
@@ -67,9 +77,19 @@ def planned(given: dict[str, Any]) -> tuple[PlannedTask, PlannedTask]:
     )
     recording = RecordingEntry(given["recording"], Path("any.mcap"), "any")
     limits = Limits(given["time_s"], given["memory_mb"])
-    entries: dict[str, Any] = {"recordings": (recording,), "attacks": (attack.entry,), "detectors": (detector.entry,)}
+    entries: dict[str, Any] = {
+        "recordings": (recording,),
+        "attacks": (attack.entry,),
+        "detectors": (detector.entry,),
+    }
     suite = Suite("any", 1, (given["seed"],), 0.0, 1.0, 1.0, limits, **entries)
-    survey = Survey(given["digest"], (given["donor"],), frozenset({"gnss/pvt"}), {given["seed"]: Interval(*given["window"])}, {})
+    survey = Survey(
+        given["digest"],
+        (given["donor"],),
+        frozenset({"gnss/pvt"}),
+        {given["seed"]: Interval(*given["window"])},
+        {},
+    )
     clean, attacked = plan(suite, recording, survey, [attack], [detector])
     return clean, attacked
 
@@ -79,7 +99,11 @@ def planned(given: dict[str, Any]) -> tuple[PlannedTask, PlannedTask]:
 def test_equal_inputs_have_equal_ids(given: dict[str, Any]) -> None:
     copy = json.loads(json.dumps(given))
     for one, other in zip(planned(given), planned(copy), strict=True):
-        assert (one.id, one.variant.id, one.variant.number) == (other.id, other.variant.id, other.variant.number)
+        assert (one.id, one.variant.id, one.variant.number) == (
+            other.id,
+            other.variant.id,
+            other.variant.number,
+        )
 
 
 @UNTIMED
@@ -100,8 +124,20 @@ def test_any_changed_input_changes_the_id_and_only_where_it_matters(
 
 
 def test_versions_of_what_computes_are_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
-    given: dict[str, Any] = {"recording": "r", "digest": "0", "donor": "1", "window": (0, 1), "seed": 1, "time_s": 1.0, "memory_mb": 256}
-    given |= {f"{what} {name}": {} if name == "parameters" else "n" for what in ("attack", "detector") for name in PART}
+    given: dict[str, Any] = {
+        "recording": "r",
+        "digest": "0",
+        "donor": "1",
+        "window": (0, 1),
+        "seed": 1,
+        "time_s": 1.0,
+        "memory_mb": 256,
+    }
+    given |= {
+        f"{what} {name}": {} if name == "parameters" else "n"
+        for what in ("attack", "detector")
+        for name in PART
+    }
     before, known = planned(given), identity.versions()
     for name in known:
         changed = known | {name: "another"}
@@ -110,7 +146,9 @@ def test_versions_of_what_computes_are_inputs(monkeypatch: pytest.MonkeyPatch) -
             assert not {task.id for task in before} & {task.id for task in planned(given)}
 
 
-def test_the_code_of_a_plugin_is_its_package_wherever_it_lies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_of_a_plugin_is_its_package_wherever_it_lies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def code(folder: str, text: str, extra: str | None = None) -> str:
         package = tmp_path / folder / "somebodys_plugin"
         (package / "__pycache__").mkdir(parents=True)
@@ -136,9 +174,22 @@ def test_a_plugin_of_the_core_has_the_core_s_code() -> None:
 
 
 def test_the_problem_of_an_unreadable_recording_is_an_input() -> None:
-    suite = Suite("any", 1, (1,), 0.0, 1.0, 1.0, Limits(), (RecordingEntry("r", Path("any"), "r"),), (), (DetectorEntry("d", "d"),))
+    suite = Suite(
+        "any",
+        1,
+        (1,),
+        0.0,
+        1.0,
+        1.0,
+        Limits(),
+        (RecordingEntry("r", Path("any"), "r"),),
+        (),
+        (DetectorEntry("d", "d"),),
+    )
     detector = part(suite.detectors[0], plugins.DETECTORS, "0", "1")
     lost = Survey(None, problem=("failed", "lost"))
     (one,) = plan(suite, suite.recordings[0], lost, [], [detector])
-    (other,) = plan(suite, suite.recordings[0], replace(lost, problem=("failed", "damaged")), [], [detector])
+    (other,) = plan(
+        suite, suite.recordings[0], replace(lost, problem=("failed", "damaged")), [], [detector]
+    )
     assert one.id != other.id

@@ -1,4 +1,6 @@
-"""One row whatever happens: what misbehaving plugins become, and that their neighbours do not notice."""
+"""One row whatever happens: what misbehaving plugins become, and that their neighbours do not
+notice.
+"""
 
 import os
 import re
@@ -46,7 +48,10 @@ def hostile(make_suite: MakeSuite, tmp_path_factory: pytest.TempPathFactory) -> 
     folder = tmp_path_factory.mktemp("hostile")
     strays = DetectorEntry("strays", "strays", {"note": str(folder / "strays.txt")})
     before, after = DetectorEntry("steady-first", "steady"), DetectorEntry("steady-last", "steady")
-    suite = make_suite([before, *HOSTILE, "prints", "hungry", strays, after], limits=Limits(time_s=3.0, memory_mb=256))
+    suite = make_suite(
+        [before, *HOSTILE, "prints", "hungry", strays, after],
+        limits=Limits(time_s=3.0, memory_mb=256),
+    )
     run(suite, folder / "results", workers=2)
     return folder / "results"
 
@@ -54,7 +59,9 @@ def hostile(make_suite: MakeSuite, tmp_path_factory: pytest.TempPathFactory) -> 
 def test_every_task_has_a_row_in_the_order_of_the_suite(hostile: Path) -> None:
     tasks = read_tasks(hostile)
     detectors = ["steady-first", *HOSTILE, "prints", "hungry", "strays", "steady-last"]
-    assert [(task.attack, task.detector) for task in tasks] == [(attack, name) for attack in (None, "nudge") for name in detectors]
+    assert [(task.attack, task.detector) for task in tasks] == [
+        (attack, name) for attack in (None, "nudge") for name in detectors
+    ]
     scores = read_parquet(hostile / "scores.parquet").to_pylist()
     assert [row["task_id"] for row in scores] == [task.task_id for task in tasks]
     for task in tasks:
@@ -66,7 +73,11 @@ def test_every_task_has_a_row_in_the_order_of_the_suite(hostile: Path) -> None:
 @pytest.mark.parametrize(
     ("detector", "status", "reason"),
     [
-        ("raises", "failed", r"RuntimeError: cannot open spoofbench_fakes\.py for topic '/gnss0/gnss/pvt'"),
+        (
+            "raises",
+            "failed",
+            r"RuntimeError: cannot open spoofbench_fakes\.py for topic '/gnss0/gnss/pvt'",
+        ),
         ("sleeps", "timeout", r"it took longer than 3 s"),
         ("eats", "out_of_memory", r"it needs more than 256 MB"),
         ("exits", "failed", r"its process ended with exit status 3 before it had answered"),
@@ -75,12 +86,17 @@ def test_every_task_has_a_row_in_the_order_of_the_suite(hostile: Path) -> None:
         (
             "unimportable",
             "failed",
-            r"PluginError: detector 'unimportable' of spoofbench-fakes 0\.1 cannot be loaded .*ModuleNotFoundError.*",
+            (
+                r"PluginError: detector 'unimportable' of spoofbench-fakes 0\.1 cannot be loaded "
+                r".*ModuleNotFoundError.*"
+            ),
         ),
         ("scribbles", "failed", r"it disturbed the connection of its process"),
     ],
 )
-def test_a_hostile_detector_becomes_rows(hostile: Path, detector: str, status: str, reason: str) -> None:
+def test_a_hostile_detector_becomes_rows(
+    hostile: Path, detector: str, status: str, reason: str
+) -> None:
     ((found, text),) = rows(hostile, detector)
     assert found == status
     assert re.fullmatch(reason, text or "")
@@ -110,15 +126,23 @@ def test_costs_are_known_for_what_ran(hostile: Path) -> None:
     costs = read_parquet(hostile / "costs.parquet").to_pylist()
     tasks = read_tasks(hostile)
     assert [row["task_id"] for row in costs] == [task.task_id for task in tasks]
-    assert all(row["seconds"] is not None for row, task in zip(costs, tasks, strict=True) if task.status == "ok")
+    assert all(
+        row["seconds"] is not None
+        for row, task in zip(costs, tasks, strict=True)
+        if task.status == "ok"
+    )
     if sys.platform == "linux":
-        memory_mb = {task.detector: row["memory_mb"] for row, task in zip(costs, tasks, strict=True)}
+        memory_mb = {
+            task.detector: row["memory_mb"] for row, task in zip(costs, tasks, strict=True)
+        }
         assert memory_mb["steady-last"] < 50
         assert 90 < memory_mb["hungry"] < 150, "it takes 100 MB, some of which may have been there"
 
 
 def test_a_group_that_fails_loses_the_culprit_alone(make_suite: MakeSuite, tmp_path: Path) -> None:
-    attacks = [AttackEntry(f"nudge-{shift}", "nudge", {"shift_deg": shift}) for shift in (0.5, 40.0, 1.0)]
+    attacks = [
+        AttackEntry(f"nudge-{shift}", "nudge", {"shift_deg": shift}) for shift in (0.5, 40.0, 1.0)
+    ]
     run(make_suite(["picky"], attacks), tmp_path / "results", workers=1)
     found = {task.attack: task.status for task in read_tasks(tmp_path / "results")}
     assert found == {None: "ok", "nudge-0.5": "ok", "nudge-40.0": "failed", "nudge-1.0": "ok"}
@@ -127,7 +151,16 @@ def test_a_group_that_fails_loses_the_culprit_alone(make_suite: MakeSuite, tmp_p
 def test_an_attack_that_fails_costs_its_own_tasks(make_suite: MakeSuite, tmp_path: Path) -> None:
     late = AttackEntry("late", "replay", {"delay_s": 1e4})
     suite = make_suite(
-        ["steady"], ["fatal-supply", "nudge", "stumbles", "kills-itself", "inapplicable", late, AttackEntry("nudge-2", "nudge")]
+        ["steady"],
+        [
+            "fatal-supply",
+            "nudge",
+            "stumbles",
+            "kills-itself",
+            "inapplicable",
+            late,
+            AttackEntry("nudge-2", "nudge"),
+        ],
     )
     run(suite, tmp_path / "results")
     found = {task.attack: (task.status, task.reason) for task in read_tasks(tmp_path / "results")}
@@ -136,16 +169,28 @@ def test_an_attack_that_fails_costs_its_own_tasks(make_suite: MakeSuite, tmp_pat
     assert found["fatal-supply"] == ("failed", f"asking what the attack can supply: {died}")
     assert found["stumbles"][0] == "failed"
     assert "ValueError: stumbled" in (found["stumbles"][1] or "")
-    assert found["kills-itself"] == ("failed", "making the variant: its process ended with exit status 4 before it had answered")
+    assert found["kills-itself"] == (
+        "failed",
+        "making the variant: its process ended with exit status 4 before it had answered",
+    )
     assert found["inapplicable"] == ("skipped", "there is nothing to replay")
     assert found["late"][0] == "skipped"
-    scores = {row["attack"]: row for row in read_parquet(tmp_path / "results" / "scores.parquet").to_pylist()}
+    scores = {
+        row["attack"]: row
+        for row in read_parquet(tmp_path / "results" / "scores.parquet").to_pylist()
+    }
     assert scores["stumbles"]["detection_pct"] is None, "without truth there is nothing to measure"
 
 
-def test_a_recording_that_cannot_be_read_costs_its_own_tasks(make_suite: MakeSuite, logs: Path, tmp_path: Path) -> None:
+def test_a_recording_that_cannot_be_read_costs_its_own_tasks(
+    make_suite: MakeSuite, logs: Path, tmp_path: Path
+) -> None:
     (tmp_path / "damaged.mcap").write_bytes((logs / "drive-1.mcap").read_bytes()[:5000])
-    recordings = {"gone": tmp_path / "none.mcap", "damaged": tmp_path / "damaged.mcap", "whole": logs / "drive-2.mcap"}
+    recordings = {
+        "gone": tmp_path / "none.mcap",
+        "damaged": tmp_path / "damaged.mcap",
+        "whole": logs / "drive-2.mcap",
+    }
     run(make_suite(["steady"], recordings=recordings), tmp_path / "results")
     tasks = read_tasks(tmp_path / "results")
     assert [(task.recording, task.status) for task in tasks] == [
@@ -154,7 +199,10 @@ def test_a_recording_that_cannot_be_read_costs_its_own_tasks(make_suite: MakeSui
         *[("whole", "ok")] * 2,
     ]
     assert len({task.task_id for task in tasks}) == 6
-    assert all(task.reason and "\n" not in task.reason and str(tmp_path) not in task.reason for task in tasks[:4])
+    assert all(
+        task.reason and "\n" not in task.reason and str(tmp_path) not in task.reason
+        for task in tasks[:4]
+    )
 
 
 def test_a_recording_that_takes_too_long_costs_its_own_tasks(
@@ -162,25 +210,45 @@ def test_a_recording_that_takes_too_long_costs_its_own_tasks(
 ) -> None:
     os.mkfifo(tmp_path / "endless.mcap")
     monkeypatch.setattr("spoofbench.runner.execution._PREPARING", 0.05)
-    run(make_suite(["steady"], recordings={"endless": tmp_path / "endless.mcap"}), tmp_path / "results")
-    assert rows(tmp_path / "results", "steady") == {("failed", "reading the recording: it took longer than 1 s")}
+    run(
+        make_suite(["steady"], recordings={"endless": tmp_path / "endless.mcap"}),
+        tmp_path / "results",
+    )
+    assert rows(tmp_path / "results", "steady") == {
+        ("failed", "reading the recording: it took longer than 1 s")
+    }
 
 
 @pytest.mark.parametrize("memory_mb", [256, 1024, 2048])
-def test_the_memory_limit_is_the_detector_s_own(make_suite: MakeSuite, tmp_path: Path, memory_mb: int) -> None:
-    fits, not_quite = (DetectorEntry(f"hungry-{mb}", "hungry", {"memory_mb": mb}) for mb in (memory_mb - 64, memory_mb + 64))
+def test_the_memory_limit_is_the_detector_s_own(
+    make_suite: MakeSuite, tmp_path: Path, memory_mb: int
+) -> None:
+    fits, not_quite = (
+        DetectorEntry(f"hungry-{mb}", "hungry", {"memory_mb": mb})
+        for mb in (memory_mb - 64, memory_mb + 64)
+    )
     run(make_suite([fits, not_quite], [], limits=Limits(20.0, memory_mb)), tmp_path / "results")
     assert rows(tmp_path / "results", fits.id) == {("ok", None)}
-    assert rows(tmp_path / "results", not_quite.id) == {("out_of_memory", f"it needs more than {memory_mb} MB")}
+    assert rows(tmp_path / "results", not_quite.id) == {
+        ("out_of_memory", f"it needs more than {memory_mb} MB")
+    }
 
 
-def test_what_is_not_there_is_skipped_and_what_is_removed_is_not_modelled(make_suite: MakeSuite, logs: Path, tmp_path: Path) -> None:
+def test_what_is_not_there_is_skipped_and_what_is_removed_is_not_modelled(
+    make_suite: MakeSuite, logs: Path, tmp_path: Path
+) -> None:
     whole = codec.read(logs / "drive-1.mcap")
-    bare = Recording({topic: table for topic, table in whole.items() if "integrity" not in topic}, whole.metadata)
+    bare = Recording(
+        {topic: table for topic, table in whole.items() if "integrity" not in topic}, whole.metadata
+    )
     codec.write(bare, tmp_path / "bare.mcap")
-    suite = make_suite(["demanding"], recordings={"whole": logs / "drive-1.mcap", "bare": tmp_path / "bare.mcap"})
+    suite = make_suite(
+        ["demanding"], recordings={"whole": logs / "drive-1.mcap", "bare": tmp_path / "bare.mcap"}
+    )
     run(suite, tmp_path / "results")
-    found = {(task.recording, task.attack): task.status for task in read_tasks(tmp_path / "results")}
+    found = {
+        (task.recording, task.attack): task.status for task in read_tasks(tmp_path / "results")
+    }
     assert found == {
         ("whole", None): "ok",
         ("whole", "nudge"): "not_modelled",
@@ -189,27 +257,43 @@ def test_what_is_not_there_is_skipped_and_what_is_removed_is_not_modelled(make_s
     }
 
 
-def test_attacks_of_one_seed_share_their_window_after_the_warm_up(make_suite: MakeSuite, logs: Path, tmp_path: Path) -> None:
-    attacks = [AttackEntry("nudge", "nudge"), AttackEntry("replay", "replay", {"delay_s": 30.0}), AttackEntry("drag-off", "drag-off")]
+def test_attacks_of_one_seed_share_their_window_after_the_warm_up(
+    make_suite: MakeSuite, logs: Path, tmp_path: Path
+) -> None:
+    attacks = [
+        AttackEntry("nudge", "nudge"),
+        AttackEntry("replay", "replay", {"delay_s": 30.0}),
+        AttackEntry("drag-off", "drag-off"),
+    ]
     suite = make_suite(["steady"], attacks, seeds=(1, 2, 3), warm_up_s=15.0)
     run(suite, tmp_path / "results")
     span = codec.read(logs / "drive-1.mcap").span
     windows: dict[int, set[tuple[int, int]]] = {}
     for task in read_tasks(tmp_path / "results"):
-        if task.seed is not None and task.window_start_ns is not None and task.window_end_ns is not None:
+        if (
+            task.seed is not None
+            and task.window_start_ns is not None
+            and task.window_end_ns is not None
+        ):
             windows.setdefault(task.seed, set()).add((task.window_start_ns, task.window_end_ns))
             (truth,) = read_truth(tmp_path / "results", task.variant_id).intervals
             assert task.window_start_ns <= truth.start_ns < truth.end_ns <= task.window_end_ns
     assert sorted(windows) == [1, 2, 3]
-    assert all(len(window) == 1 for window in windows.values()), "all attacks of a seed share one window"
-    assert len({next(iter(window)) for window in windows.values()}) == 3, "seeds have windows of their own"
+    assert all(len(window) == 1 for window in windows.values()), (
+        "all attacks of a seed share one window"
+    )
+    assert len({next(iter(window)) for window in windows.values()}) == 3, (
+        "seeds have windows of their own"
+    )
     for ((start_ns, end_ns),) in windows.values():
         assert start_ns >= span.start_ns + 30e9
         assert end_ns <= span.end_ns
         assert end_ns - start_ns == 20e9
 
 
-def test_a_rate_that_the_suite_leaves_open_is_its_target(make_suite: MakeSuite, tmp_path: Path) -> None:
+def test_a_rate_that_the_suite_leaves_open_is_its_target(
+    make_suite: MakeSuite, tmp_path: Path
+) -> None:
     own = DetectorEntry("own", "rated", {"rate_per_hour": 9.0})
     run(make_suite(["rated", own, "steady"], []), tmp_path / "results")
     parameters = {task.detector: task.parameters for task in read_tasks(tmp_path / "results")}
@@ -232,7 +316,9 @@ def test_a_mistake_in_the_suite_stops_the_run_at_once(
 ) -> None:
     with pytest.raises(error, match=words):
         run(make_suite(["steady", entry], []), tmp_path / "results")
-    run(make_suite(["steady"], []), tmp_path / "results")  # nothing is there yet that would have to be resumed
+    run(
+        make_suite(["steady"], []), tmp_path / "results"
+    )  # nothing is there yet that would have to be resumed
 
 
 def test_results_are_not_overwritten(make_suite: MakeSuite, tmp_path: Path) -> None:
@@ -243,7 +329,9 @@ def test_results_are_not_overwritten(make_suite: MakeSuite, tmp_path: Path) -> N
         run(make_suite(["steady"], [], name="others"), tmp_path / "results", resume=True)
 
 
-def test_nothing_is_left_running_or_lying_about(make_suite: MakeSuite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_left_running_or_lying_about(
+    make_suite: MakeSuite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     run(make_suite(["steady"], []), tmp_path / "results")
     assert [path.name for path in tmp_path.iterdir()] == ["results"]

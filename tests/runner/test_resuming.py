@@ -35,7 +35,11 @@ except ResultsError as error:
 
 def contents(folder: Path) -> dict[str, bytes]:
     """All files of a results folder but the costs."""
-    paths = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != "costs.parquet"]
+    paths = [
+        path
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != "costs.parquet"
+    ]
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
 
 
@@ -70,8 +74,12 @@ def descendants(pid: int) -> list[int]:
 
 @pytest.fixture(scope="module")
 def slow(make_suite: MakeSuite) -> Suite:
-    attacks = [AttackEntry(f"nudge-{shift}", "nudge", {"shift_deg": float(shift)}) for shift in (1, 2, 3)]
-    return make_suite(["slow", "raises", DetectorEntry("slower", "slow", {"pause_s": 0.5})], attacks)
+    attacks = [
+        AttackEntry(f"nudge-{shift}", "nudge", {"shift_deg": float(shift)}) for shift in (1, 2, 3)
+    ]
+    return make_suite(
+        ["slow", "raises", DetectorEntry("slower", "slow", {"pause_s": 0.5})], attacks
+    )
 
 
 @pytest.fixture(scope="module")
@@ -89,9 +97,14 @@ def start(tmp_path: Path) -> Iterator[Start]:
     def start(suite: Suite, folder: Path) -> "subprocess.Popen[str]":
         (tmp_path / "suite.pickle").write_bytes(pickle.dumps(suite))
         (tmp_path / "temporary").mkdir(exist_ok=True)
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": str(tmp_path / "temporary")}
+        environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join(sys.path),
+            "TMPDIR": str(tmp_path / "temporary"),
+        }
         command = [sys.executable, "-c", SCRIPT, str(tmp_path / "suite.pickle"), str(folder)]
-        started.append(subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True))
+        started.append(
+            subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+        )
         return started[-1]
 
     yield start
@@ -131,7 +144,9 @@ def test_a_killed_and_resumed_run_equals_an_unbroken_one(
 
 @needs_proc
 @pytest.mark.parametrize("victim", ["main process", "server"])
-def test_workers_that_never_answer_die_with_whoever_is_killed(make_suite: MakeSuite, start: Start, tmp_path: Path, victim: str) -> None:
+def test_workers_that_never_answer_die_with_whoever_is_killed(
+    make_suite: MakeSuite, start: Start, tmp_path: Path, victim: str
+) -> None:
     process = start(make_suite(["sleeps", "steady"]), tmp_path / "results")
     until(lambda: decided(tmp_path / "results") == 2)  # steady is done, so the other worker sleeps
     (server,) = children(process.pid)
@@ -141,7 +156,10 @@ def test_workers_that_never_answer_die_with_whoever_is_killed(make_suite: MakeSu
     _, complaint = process.communicate(timeout=PATIENCE_S)
     if victim == "server":
         assert process.returncode == 1
-        assert complaint.strip() == "the server of the worker processes has ended; run again with --resume to do what is missing"
+        assert (
+            complaint.strip()
+            == "the server of the worker processes has ended; run again with --resume to do what is missing"
+        )
     until(lambda: not any(alive(pid) for pid in family))
     until(lambda: not list((tmp_path / "temporary").iterdir()))
     assert decided(tmp_path / "results") == 2, "a task that was under way has no outcome"
@@ -150,16 +168,27 @@ def test_workers_that_never_answer_die_with_whoever_is_killed(make_suite: MakeSu
 def test_resuming_a_finished_run_changes_nothing(make_suite: MakeSuite, tmp_path: Path) -> None:
     suite = make_suite(["steady", "raises"])
     run(suite, tmp_path / "results")
-    before = {path: (path.stat().st_ino, path.read_bytes()) for path in (tmp_path / "results" / "decisions").iterdir()}
-    costs, rest = (tmp_path / "results" / "costs.parquet").read_bytes(), contents(tmp_path / "results")
+    before = {
+        path: (path.stat().st_ino, path.read_bytes())
+        for path in (tmp_path / "results" / "decisions").iterdir()
+    }
+    costs, rest = (
+        (tmp_path / "results" / "costs.parquet").read_bytes(),
+        contents(tmp_path / "results"),
+    )
     run(suite, tmp_path / "results", resume=True)
     assert {path: (path.stat().st_ino, path.read_bytes()) for path in before} == before
     assert contents(tmp_path / "results") == rest
     assert (tmp_path / "results" / "costs.parquet").read_bytes() == costs
 
 
-def test_a_suite_that_grew_runs_what_is_new_and_one_that_shrank_drops_what_is_old(make_suite: MakeSuite, tmp_path: Path) -> None:
-    small, large = make_suite(["steady"]), make_suite(["steady", "rated"], ["nudge", AttackEntry("far", "nudge", {"shift_deg": 9.0})])
+def test_a_suite_that_grew_runs_what_is_new_and_one_that_shrank_drops_what_is_old(
+    make_suite: MakeSuite, tmp_path: Path
+) -> None:
+    small, large = (
+        make_suite(["steady"]),
+        make_suite(["steady", "rated"], ["nudge", AttackEntry("far", "nudge", {"shift_deg": 9.0})]),
+    )
     run(large, tmp_path / "large")
     run(small, tmp_path / "results")
     run(large, tmp_path / "results", resume=True)
@@ -169,7 +198,9 @@ def test_a_suite_that_grew_runs_what_is_new_and_one_that_shrank_drops_what_is_ol
     assert contents(tmp_path / "large") == contents(tmp_path / "small")
 
 
-def test_failures_are_kept_until_they_are_to_be_tried_again(make_suite: MakeSuite, tmp_path: Path) -> None:
+def test_failures_are_kept_until_they_are_to_be_tried_again(
+    make_suite: MakeSuite, tmp_path: Path
+) -> None:
     hindrance = tmp_path / "hindrance"
     hindrance.touch()
     suite = make_suite([DetectorEntry("flaky", "flaky", {"hindrance": str(hindrance)})], [])

@@ -11,7 +11,16 @@ import pytest
 
 from spoofbench.detecting import Decisions
 from spoofbench.recording import Interval
-from spoofbench.results import Outcome, Status, Task, Truth, write_outcome, write_run, write_tasks, write_truth
+from spoofbench.results import (
+    Outcome,
+    Status,
+    Task,
+    Truth,
+    write_outcome,
+    write_run,
+    write_tasks,
+    write_truth,
+)
 from spoofbench.scoring.folder import score_folder
 from spoofbench.scoring.grid import release_guard, within
 
@@ -98,7 +107,15 @@ class Bench:
         decisions = Decisions(np.arange(epochs) * S, score, available) if status == "ok" else None
         write_outcome(self.path, task_id, Outcome(status, reason, decisions))
         known: Mapping[str, Any] = {"seed": None if attack is None else 0, **about}
-        task = replace(TASK, task_id=task_id, variant_id=variant_id, attack=attack, detector=detector, status=status, reason=reason)
+        task = replace(
+            TASK,
+            task_id=task_id,
+            variant_id=variant_id,
+            attack=attack,
+            detector=detector,
+            status=status,
+            reason=reason,
+        )
         self.tasks.append(replace(task, **known))
 
     def score(self) -> list[dict[str, Any]]:

@@ -15,7 +15,11 @@ def test_garwood_ends_are_where_the_tails_hold_a_fortieth(count: int, hours: flo
     assert rate is not None
     assert rate.value == count / hours
     assert stats.poisson.cdf(count, rate.hi * hours) == pytest.approx(0.025, rel=1e-6)
-    assert rate.lo == 0 if count == 0 else stats.poisson.sf(count - 1, rate.lo * hours) == pytest.approx(0.025, rel=1e-6)
+    assert (
+        rate.lo == 0
+        if count == 0
+        else stats.poisson.sf(count - 1, rate.lo * hours) == pytest.approx(0.025, rel=1e-6)
+    )
 
 
 @given(st.integers(0, 60), st.integers(1, 60))
@@ -62,7 +66,8 @@ def test_kaplan_meier_agrees_with_scipy(observations: list[tuple[int, bool]]) ->
     curve = estimates.survival(times, flags)
     assert curve is not None
     data = stats.CensoredData(
-        uncensored=[t for t, detected in observations if detected], right=[t for t, detected in observations if not detected]
+        uncensored=[t for t, detected in observations if detected],
+        right=[t for t, detected in observations if not detected],
     )
     reference = stats.ecdf(data).sf
     at = np.arange(0, 21)
@@ -71,18 +76,24 @@ def test_kaplan_meier_agrees_with_scipy(observations: list[tuple[int, bool]]) ->
 
 
 @given(st.lists(st.integers(0, 60), min_size=1, max_size=30))
-def test_restricted_mean_is_the_plain_mean_where_all_attacks_are_equally_long(times: list[int]) -> None:
+def test_restricted_mean_is_the_plain_mean_where_all_attacks_are_equally_long(
+    times: list[int],
+) -> None:
     curve = estimates.survival(times, [t < 60 for t in times])
     assert curve is not None
     assert curve.restricted_mean_s(60) == pytest.approx(np.mean(times))
     assert curve.restricted_mean_s(30) == pytest.approx(np.minimum(times, 30).mean())
 
 
-SCORES = st.lists(st.sampled_from([0.0, 0.5, 0.9, 1.0, 1.1, 3.0, np.inf, np.nan]), min_size=1, max_size=30).map(np.array)
+SCORES = st.lists(
+    st.sampled_from([0.0, 0.5, 0.9, 1.0, 1.1, 3.0, np.inf, np.nan]), min_size=1, max_size=30
+).map(np.array)
 
 
 @given(SCORES, SCORES, st.sampled_from([0.25, 0.5, 2.0, 8.0]))
-def test_scaling_scores_and_threshold_together_changes_nothing(clean: np.ndarray, spoofed: np.ndarray, scale: float) -> None:
+def test_scaling_scores_and_threshold_together_changes_nothing(
+    clean: np.ndarray, spoofed: np.ndarray, scale: float
+) -> None:
     curve, scaled = estimates.roc(clean, spoofed), estimates.roc(scale * clean, scale * spoofed)
     assert (curve is None) == (scaled is None)
     if curve is not None and scaled is not None:
@@ -106,7 +117,9 @@ def test_roc_agrees_with_a_loop_over_thresholds(clean: np.ndarray, spoofed: np.n
 
 
 @given(SCORES, SCORES)
-def test_whole_area_is_the_chance_that_a_spoofed_score_beats_a_clean_one(clean: np.ndarray, spoofed: np.ndarray) -> None:
+def test_whole_area_is_the_chance_that_a_spoofed_score_beats_a_clean_one(
+    clean: np.ndarray, spoofed: np.ndarray
+) -> None:
     assume(not np.isnan(clean).any())
     assume(not np.isnan(spoofed).any())
     curve = estimates.roc(clean, spoofed)
@@ -118,7 +131,12 @@ def test_whole_area_is_the_chance_that_a_spoofed_score_beats_a_clean_one(clean: 
 def test_partial_area_of_perfect_blind_and_unavailable_detectors() -> None:
     low, high = np.linspace(0, 0.9, 200), np.linspace(1.1, 2, 200)
     areas = []
-    for clean, spoofed in ((low, high), (low, low), (high, low), (low, np.where(np.arange(200) % 2, high, np.nan))):
+    for clean, spoofed in (
+        (low, high),
+        (low, low),
+        (high, low),
+        (low, np.where(np.arange(200) % 2, high, np.nan)),
+    ):
         curve = estimates.roc(clean, spoofed)
         assert curve is not None
         areas.append(estimates.partial_auc(*curve, 0.01))
@@ -129,9 +147,13 @@ def test_session_bootstrap() -> None:
     values = [0.0, 100.0] * 10
     sessions = [f"s{row // 4}" for row in range(20)]
     assert estimates.session_interval(values[:16], sessions[:16]) is None
-    assert estimates.session_interval(values, sessions) == (50, 50), "every session has the same mean"
+    assert estimates.session_interval(values, sessions) == (50, 50), (
+        "every session has the same mean"
+    )
     spread = estimates.session_interval(values, [f"s{row % 10}" for row in range(20)])
-    assert spread == estimates.session_interval(values, [f"s{row % 10}" for row in range(20)]), "seeded"
+    assert spread == estimates.session_interval(values, [f"s{row % 10}" for row in range(20)]), (
+        "seeded"
+    )
     assert spread is not None
     assert spread[0] < 50 < spread[1]
 

@@ -1,4 +1,6 @@
-"""The worked cases of the definitions, run-length coded, and in their original form where it stands beside the project."""
+"""The worked cases of the definitions, run-length coded, and in their original form where it stands
+beside the project.
+"""
 
 import itertools
 import json
@@ -23,7 +25,9 @@ ORIGINALS = json.loads(ORIGINAL.read_text()) if ORIGINAL.exists() else []
 def unfolded(case: dict[str, Any]) -> dict[str, Any]:
     """A case with one value per epoch."""
     flags = {
-        name: None if case[name] is None else [flag for flag, count in case[name] for _ in range(count)]
+        name: None
+        if case[name] is None
+        else [flag for flag, count in case[name] for _ in range(count)]
         for name in ("alert", "available", "spoofed")
     }
     return {**case, **flags, "t_s": [row * case["dt_s"] for row in range(case["epochs"])]}
@@ -69,7 +73,9 @@ def check(case: dict[str, Any]) -> None:
     found = scored(case)
     assert found.keys() >= case["expected"].keys()
     for name, expected in case["expected"].items():
-        assert found[name] == (pytest.approx(expected, rel=1e-12) if isinstance(expected, float) else expected), name
+        assert found[name] == (
+            pytest.approx(expected, rel=1e-12) if isinstance(expected, float) else expected
+        ), name
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"])
@@ -93,6 +99,11 @@ def test_decisions_at_epochs_come_through_the_grid(case: dict[str, Any]) -> None
     alert, available = np.array(full["alert"]), np.array(full["available"])
     nothing = np.full(time_ns.size, np.nan)
     flags = np.zeros(time_ns.size, bool)
-    truth = Truth(time_ns, ~flags, flags, flags, *itertools.repeat(nothing, 6), round(full["dt_s"] * 1e9), ())
+    truth = Truth(
+        time_ns, ~flags, flags, flags, *itertools.repeat(nothing, 6), round(full["dt_s"] * 1e9), ()
+    )
     score = np.where(alert, 1.5, 0.5)
-    np.testing.assert_array_equal(score_on_grid(Decisions(time_ns, score, available), truth, None), np.where(available, score, np.nan))
+    np.testing.assert_array_equal(
+        score_on_grid(Decisions(time_ns, score, available), truth, None),
+        np.where(available, score, np.nan),
+    )

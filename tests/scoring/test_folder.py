@@ -33,14 +33,25 @@ def test_an_unattacked_task_has_false_alerts_and_no_detection(bench: Any) -> Non
     assert row["available_clean_h"] == pytest.approx(150 / 3600)
     assert row["availability"] == 0.75
     assert row["alert_fraction"] == 3 / 200
-    for name in ("detection_pct", "detection_pct_available", "ttfd_s", "detected", "position_error_at_detection_m", "partial_auc"):
+    for name in (
+        "detection_pct",
+        "detection_pct_available",
+        "ttfd_s",
+        "detected",
+        "position_error_at_detection_m",
+        "partial_auc",
+    ):
         assert row[name] is None, name
     assert bench.rows("events") == []
 
 
 def test_alerts_between_epochs_are_false_alerts_too(bench: Any) -> None:
     bench.add("d")
-    between = Decisions(np.arange(0, 400) * 500_000_000, np.where(np.isin(np.arange(400), [41, 201]), 2.0, 0.5), np.ones(400, bool))
+    between = Decisions(
+        np.arange(0, 400) * 500_000_000,
+        np.where(np.isin(np.arange(400), [41, 201]), 2.0, 0.5),
+        np.ones(400, bool),
+    )
     write_outcome(bench.path, "t0", Outcome("ok", None, between))
     (row,) = bench.score()
     assert (row["episodes"], row["far_epoch"], row["availability"]) == (2, 0.0, 1.0)
@@ -56,7 +67,14 @@ def test_an_attacked_task_has_detection_and_no_false_alerts(bench: Any) -> None:
     assert row["position_error_at_detection_m"] == 11
     assert row["largest_undetected_position_error_m"] == 60
     assert row["partial_auc"] == pytest.approx(40 / 60, abs=0.01)
-    for name in ("far_per_hour", "far_per_hour_lo", "far_per_hour_hi", "far_epoch", "far_floor_per_hour", "episodes"):
+    for name in (
+        "far_per_hour",
+        "far_per_hour_lo",
+        "far_per_hour_hi",
+        "far_epoch",
+        "far_floor_per_hour",
+        "episodes",
+    ):
         assert row[name] is None, name
     (event,) = bench.rows("events")
     assert (event["start_ns"], event["length_s"], event["ttfd_s"]) == (100_000_000_000, 60, 10)
@@ -68,7 +86,10 @@ def test_the_largest_undetected_error_is_that_without_an_alert(bench: Any) -> No
     some, none = bench.score()
     assert some["largest_undetected_position_error_m"] == 30
     assert none["largest_undetected_position_error_m"] is None
-    assert [event["largest_undetected_position_error_m"] for event in bench.rows("events")] == [30, None]
+    assert [event["largest_undetected_position_error_m"] for event in bench.rows("events")] == [
+        30,
+        None,
+    ]
 
 
 @pytest.mark.parametrize("status", ["failed", "timeout", "out_of_memory"])
@@ -77,8 +98,17 @@ def test_a_failure_is_a_miss(bench: Any, status: str) -> None:
     bench.add("d", "replay", status=status)
     clean, attacked = bench.score()
     assert (clean["status"], clean["reason"]) == (status, f"it is {status}")
-    assert (clean["far_per_hour"], clean["far_epoch"], clean["available_clean_h"], clean["availability"]) == (None, None, 0, 0)
-    assert (attacked["detection_pct"], attacked["detection_pct_available"], attacked["detected"]) == (0, None, False)
+    assert (
+        clean["far_per_hour"],
+        clean["far_epoch"],
+        clean["available_clean_h"],
+        clean["availability"],
+    ) == (None, None, 0, 0)
+    assert (
+        attacked["detection_pct"],
+        attacked["detection_pct_available"],
+        attacked["detected"],
+    ) == (0, None, False)
     assert attacked["ttfd_s"] is None
     (event,) = bench.rows("events")
     assert (event["detected"], event["ttfd_s"], event["length_s"]) == (False, None, 60)
@@ -97,12 +127,21 @@ def test_a_variant_that_could_not_be_made_is_nobodys_miss(bench: Any) -> None:
     bench.add("d", "replay", status="failed")
     next((bench.path / "truth").iterdir()).unlink()
     (row,) = bench.score()
-    assert (row["status"], row["detection_pct"], row["detected"], row["epochs"]) == ("failed", None, None, None)
+    assert (row["status"], row["detection_pct"], row["detected"], row["epochs"]) == (
+        "failed",
+        None,
+        None,
+        None,
+    )
     assert bench.rows("events") == []
 
 
-def test_an_attack_in_the_unattacked_recording_is_neither_clean_nor_within_the_guard(bench: Any) -> None:
-    """A field recording may itself hold an attack: here at 100-160 s, with a memory of 20 s after it."""
+def test_an_attack_in_the_unattacked_recording_is_neither_clean_nor_within_the_guard(
+    bench: Any,
+) -> None:
+    """A field recording may itself hold an attack: here at 100-160 s, with a memory of 20 s after
+    it.
+    """
     bench.add("d", "real", alerts=[50, 120, 175], memory_s=20.0)
     bench.tasks[0] = replace(bench.tasks[0], attack=None)
     (row,) = bench.score()
@@ -110,8 +149,12 @@ def test_an_attack_in_the_unattacked_recording_is_neither_clean_nor_within_the_g
     assert row["detection_pct"] == pytest.approx(100 / 60)
 
 
-@pytest.mark.parametrize(("hold_s", "pct", "available_pct"), [(None, 10, 100), (4.0, 50, 100), (20.0, 100, 100)])
-def test_a_hold_keeps_a_slow_detector_available(bench: Any, hold_s: float | None, pct: float, available_pct: float) -> None:
+@pytest.mark.parametrize(
+    ("hold_s", "pct", "available_pct"), [(None, 10, 100), (4.0, 50, 100), (20.0, 100, 100)]
+)
+def test_a_hold_keeps_a_slow_detector_available(
+    bench: Any, hold_s: float | None, pct: float, available_pct: float
+) -> None:
     bench.add("d", "replay", hold_s=hold_s)
     slow = Decisions(np.arange(0, 200, 10) * 1_000_000_000, np.full(20, 2.0), np.ones(20, bool))
     write_outcome(bench.path, "t0", Outcome("ok", None, slow))

@@ -32,7 +32,11 @@ def recording(seconds: list[float], north_m: float = 0.0, **columns: object) -> 
 
 def attacked(seconds: list[float], windows: list[tuple[int, int]], **kwargs: float) -> Recording:
     start_ns, end_ns = (np.array(bounds, np.int64) * S for bounds in zip(*windows, strict=True))
-    truth = Table("truth/attack", start_ns, {"start_ns": start_ns, "end_ns": end_ns, "attack": ["replay"] * len(windows)})
+    truth = Table(
+        "truth/attack",
+        start_ns,
+        {"start_ns": start_ns, "end_ns": end_ns, "attack": ["replay"] * len(windows)},
+    )
     return recording(seconds, **kwargs).replace({"/truth/attack": truth})
 
 
@@ -66,8 +70,14 @@ def test_gaps_get_nominal_epochs() -> None:
 def test_epochs_that_an_attack_deletes_stay_on_the_grid(kept: list[float]) -> None:
     clean = recording([0, 1, 2, 3, 4, 5.02, 6.01, 7])
     truth = build_truth(clean, recording(kept))
-    assert seconds(truth) == [0, 1, 2, 3, 4, 5.02, 6.01, 7] if kept != [4, 5] else [0, 1, 2, 3, 4, 5, 6.01, 7]
-    np.testing.assert_array_equal(truth.observed, np.isin(truth.time_ns, [round(s * S) for s in kept]))
+    assert (
+        seconds(truth) == [0, 1, 2, 3, 4, 5.02, 6.01, 7]
+        if kept != [4, 5]
+        else [0, 1, 2, 3, 4, 5, 6.01, 7]
+    )
+    np.testing.assert_array_equal(
+        truth.observed, np.isin(truth.time_ns, [round(s * S) for s in kept])
+    )
     assert not np.isnan(truth.clean_lat_deg[~truth.observed]).any()
 
 
@@ -88,14 +98,36 @@ def test_spoofed_and_guard_are_half_open_and_apart() -> None:
     clean = recording(list(range(40)))
     truth = build_truth(clean, attacked(list(range(40)), [(5, 8), (14, 16)]))
     assert np.flatnonzero(truth.spoofed).tolist() == [5, 6, 7, 14, 15]
-    assert np.flatnonzero(truth.guard).tolist() == [8, 9, 10, 11, 12, 13, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25]
+    assert np.flatnonzero(truth.guard).tolist() == [
+        8,
+        9,
+        10,
+        11,
+        12,
+        13,
+        16,
+        17,
+        18,
+        19,
+        20,
+        21,
+        22,
+        23,
+        24,
+        25,
+    ]
     assert truth.intervals == (Interval(5 * S, 8 * S), Interval(14 * S, 16 * S))
     assert np.flatnonzero(release_guard(truth.time_ns, truth.intervals, 20.0)).max() == 35
 
 
 def test_errors_are_metres_and_metres_per_second() -> None:
     clean = recording([0, 1, 2])
-    moved = recording([0, 1, 2], north_m=100.0, height_m=np.array([1600.0, 1600.0, np.nan]), vel_e_mps=np.array([4.0, 7.0, np.nan]))
+    moved = recording(
+        [0, 1, 2],
+        north_m=100.0,
+        height_m=np.array([1600.0, 1600.0, np.nan]),
+        vel_e_mps=np.array([4.0, 7.0, np.nan]),
+    )
     truth = build_truth(clean, moved)
     assert truth.position_error_m[:2] == pytest.approx([100, 100], rel=1e-3)
     np.testing.assert_array_equal(truth.velocity_error_mps, [0, 3, np.nan])
@@ -103,7 +135,10 @@ def test_errors_are_metres_and_metres_per_second() -> None:
 
 
 def test_height_above_mean_sea_level_serves_where_the_ellipsoidal_one_is_absent() -> None:
-    low, high = (recording([0, 1], height_m=np.full(2, np.nan), height_msl_m=np.full(2, h)) for h in (10.0, 35.0))
+    low, high = (
+        recording([0, 1], height_m=np.full(2, np.nan), height_msl_m=np.full(2, h))
+        for h in (10.0, 35.0)
+    )
     assert build_truth(low, high).position_error_m == pytest.approx([25, 25])
 
 
@@ -114,7 +149,9 @@ def test_rows_of_one_time_are_one_epoch() -> None:
 def test_of_rows_of_one_time_the_last_counts_as_it_does_for_detectors() -> None:
     clean = recording([0, 1, 1, 2])
     pvt = clean["/gnss0/gnss/pvt"]
-    moved = clean.replace({"/gnss0/gnss/pvt": pvt.replace(lat_deg=pvt["lat_deg"] + np.array([0.0, 1.0, 0.0, 0.0]))})
+    moved = clean.replace(
+        {"/gnss0/gnss/pvt": pvt.replace(lat_deg=pvt["lat_deg"] + np.array([0.0, 1.0, 0.0, 0.0]))}
+    )
     assert build_truth(clean, moved).position_error_m.tolist() == [0.0, 0.0, 0.0]
 
 
@@ -137,7 +174,9 @@ def test_an_epoch_takes_the_latest_decision_after_the_previous_epoch() -> None:
 
 def test_a_hold_lets_a_decision_last() -> None:
     truth = build_truth(*[recording([0, 1, 2, 3, 4])] * 2)
-    np.testing.assert_array_equal(score_on_grid(decisions([0.5], [2.0]), truth, 2.5), [np.nan, 2, 2, 2, np.nan])
+    np.testing.assert_array_equal(
+        score_on_grid(decisions([0.5], [2.0]), truth, 2.5), [np.nan, 2, 2, 2, np.nan]
+    )
     np.testing.assert_array_equal(score_on_grid(decisions([], []), truth, 2.5), [np.nan] * 5)
 
 
@@ -147,12 +186,20 @@ TIMES = st.lists(st.integers(-50, 350), max_size=40, unique=True).map(sorted)
 @given(TIMES, st.none() | st.integers(0, 30), st.data())
 def test_agrees_with_a_loop(tenths: list[int], hold: int | None, data: st.DataObject) -> None:
     truth = build_truth(*[recording([0, 1, 2, 5, 6.1, 7, 8, 9, 20, 21])] * 2)
-    score = data.draw(st.lists(st.floats(0, 2) | st.just(np.nan), min_size=len(tenths), max_size=len(tenths)))
+    score = data.draw(
+        st.lists(st.floats(0, 2) | st.just(np.nan), min_size=len(tenths), max_size=len(tenths))
+    )
     expected, previous = [], int(truth.time_ns[0]) - truth.epoch_ns
     for epoch in truth.time_ns.tolist():
-        told = [(t * S // 10, s) for t, s in zip(tenths, score, strict=True) if t * S // 10 <= epoch]
-        held = bool(told) and (told[-1][0] > previous if hold is None else epoch - told[-1][0] <= hold * S // 10)
+        told = [
+            (t * S // 10, s) for t, s in zip(tenths, score, strict=True) if t * S // 10 <= epoch
+        ]
+        held = bool(told) and (
+            told[-1][0] > previous if hold is None else epoch - told[-1][0] <= hold * S // 10
+        )
         expected.append(told[-1][1] if held else np.nan)
         previous = epoch
-    got = score_on_grid(decisions([t / 10 for t in tenths], score), truth, None if hold is None else hold / 10)
+    got = score_on_grid(
+        decisions([t / 10 for t in tenths], score), truth, None if hold is None else hold / 10
+    )
     np.testing.assert_array_equal(got, expected)

@@ -22,8 +22,16 @@ class Run(NamedTuple):
 
 @st.composite
 def runs(draw: st.DrawFn, most: int = 8) -> Run:
-    """Stretches of alert, silence and unavailability at 1 Hz, from one epoch to beyond a minute long."""
-    pieces = draw(st.lists(st.tuples(st.integers(1, 70) | st.integers(1, 12), st.booleans(), st.booleans()), min_size=1, max_size=most))
+    """Stretches of alert, silence and unavailability at 1 Hz, from one epoch to beyond a minute
+    long.
+    """
+    pieces = draw(
+        st.lists(
+            st.tuples(st.integers(1, 70) | st.integers(1, 12), st.booleans(), st.booleans()),
+            min_size=1,
+            max_size=most,
+        )
+    )
     alert = np.array([on for length, on, _ in pieces for _ in range(length)])
     available = np.array([usable for length, _, usable in pieces for _ in range(length)])
     return Run(np.arange(alert.size) * S, alert, available)
@@ -54,7 +62,9 @@ def episodes_by_loop(run: Run) -> int:
 
 @given(runs())
 def test_episodes_agree_with_a_loop(run: Run) -> None:
-    assert measures.count_episodes(run.time_ns, run.alert, run.available, S) == episodes_by_loop(run)
+    assert measures.count_episodes(run.time_ns, run.alert, run.available, S) == episodes_by_loop(
+        run
+    )
 
 
 @pytest.mark.parametrize(
@@ -70,7 +80,9 @@ def test_episodes_agree_with_a_loop(run: Run) -> None:
         ([], [], 0),
     ],
 )
-def test_where_episodes_begin_and_count_again(alerts: list[int], unavailable: list[int], episodes: int) -> None:
+def test_where_episodes_begin_and_count_again(
+    alerts: list[int], unavailable: list[int], episodes: int
+) -> None:
     alert, available = np.zeros(200, bool), np.ones(200, bool)
     alert[list(alerts)], available[list(unavailable)] = True, False
     assert measures.count_episodes(np.arange(200) * S, alert, available, S) == episodes
@@ -79,8 +91,15 @@ def test_where_episodes_begin_and_count_again(alerts: list[int], unavailable: li
 @given(runs(), st.integers(1, 4))
 def test_copies_have_as_many_times_the_episodes_at_the_same_rate(run: Run, copies: int) -> None:
     quiet = np.zeros(10, bool)
-    alert, available = (np.tile(np.append(flags, ends), copies) for flags, ends in ((run.alert, quiet), (run.available, ~quiet)))
-    one = measures.false_alerts(np.arange(run.alert.size + 10) * S, *(flags[: run.alert.size + 10] for flags in (alert, available)), S)
+    alert, available = (
+        np.tile(np.append(flags, ends), copies)
+        for flags, ends in ((run.alert, quiet), (run.available, ~quiet))
+    )
+    one = measures.false_alerts(
+        np.arange(run.alert.size + 10) * S,
+        *(flags[: run.alert.size + 10] for flags in (alert, available)),
+        S,
+    )
     many = measures.false_alerts(np.arange(alert.size) * S, alert, available, S)
     assert many.episodes == copies * one.episodes
     assert many.hours == pytest.approx(copies * one.hours)
@@ -96,7 +115,13 @@ def test_a_rate_lies_within_its_interval_and_says_what_it_can_resolve(run: Run) 
     false = measures.false_alerts(run.time_ns, run.alert, run.available, S)
     if false.per_hour is None:
         assert not run.available.any()
-        assert (false.per_hour_lo, false.per_hour_hi, false.floor_per_hour, false.epoch, false.episodes) == (None, None, None, None, 0)
+        assert (
+            false.per_hour_lo,
+            false.per_hour_hi,
+            false.floor_per_hour,
+            false.epoch,
+            false.episodes,
+        ) == (None, None, None, None, 0)
         return
     assert false.per_hour_lo is not None
     assert false.per_hour_hi is not None
@@ -105,16 +130,22 @@ def test_a_rate_lies_within_its_interval_and_says_what_it_can_resolve(run: Run) 
 
 
 @given(runs(), attacks(), st.data())
-def test_one_more_alert_never_lowers_detection(run: Run, intervals: list[Interval], data: st.DataObject) -> None:
+def test_one_more_alert_never_lowers_detection(
+    run: Run, intervals: list[Interval], data: st.DataObject
+) -> None:
     spoofed = np.zeros(run.alert.size, bool)
     for interval in intervals:
         spoofed |= interval.covers(run.time_ns)
     more = run.alert.copy()
     more[data.draw(st.integers(0, more.size - 1))] = True
     for before, after in zip(
-        measures.detection_pct(run.alert, run.available, spoofed), measures.detection_pct(more, run.available, spoofed), strict=True
+        measures.detection_pct(run.alert, run.available, spoofed),
+        measures.detection_pct(more, run.available, spoofed),
+        strict=True,
     ):
-        assert (before is None and after is None) or (before is not None and after is not None and after >= before)
+        assert (before is None and after is None) or (
+            before is not None and after is not None and after >= before
+        )
 
 
 @given(runs(), attacks())
@@ -148,7 +179,9 @@ def test_events_agree_with_a_loop(run: Run, intervals: list[Interval]) -> None:
 
 def test_time_to_detection_uses_the_times_of_the_decisions() -> None:
     times = np.array([0, 900_000_000, 2_250_000_000], np.int64)
-    (event,) = measures.find_events(times, np.array([False, False, True]), np.ones(3, bool), [Interval(S, 3 * S)])
+    (event,) = measures.find_events(
+        times, np.array([False, False, True]), np.ones(3, bool), [Interval(S, 3 * S)]
+    )
     assert event.ttfd_s == 1.25
 
 
@@ -162,28 +195,47 @@ def test_position_errors() -> None:
 
 
 @given(
-    rates=st.lists(st.tuples(st.integers(1, 60), st.sampled_from([S // 10, S // 5, S])), min_size=1, max_size=6), seed=st.integers(0, 99)
+    rates=st.lists(
+        st.tuples(st.integers(1, 60), st.sampled_from([S // 10, S // 5, S])), min_size=1, max_size=6
+    ),
+    seed=st.integers(0, 99),
 )
 def test_hours_are_those_of_the_clock_at_any_rate(rates: list[tuple[int, int]], seed: int) -> None:
     time_ns = np.cumsum([step for seconds, step in rates for _ in range(seconds * S // step)])
     counted = np.random.default_rng(seed).random(time_ns.size) < 0.5
-    spent_ns = sum(step for step, known in zip(np.diff(time_ns, prepend=time_ns[:1] - S), counted, strict=True) if known)
+    spent_ns = sum(
+        step
+        for step, known in zip(np.diff(time_ns, prepend=time_ns[:1] - S), counted, strict=True)
+        if known
+    )
     false = measures.false_alerts(time_ns, np.zeros(time_ns.size, bool), counted, S)
     assert false.hours == pytest.approx(spent_ns / 3.6e12)
 
 
 def test_a_denser_stretch_without_detector_does_not_join_episodes() -> None:
-    time_ns = np.concatenate([np.arange(100) * S, 100 * S + np.arange(100) * S // 10, (110 + np.arange(100)) * S])
+    time_ns = np.concatenate(
+        [np.arange(100) * S, 100 * S + np.arange(100) * S // 10, (110 + np.arange(100)) * S]
+    )
     alert, counted = np.zeros(300, bool), np.ones(300, bool)
     counted[100:200] = False
     alert[[80, 210]] = True
     assert measures.count_episodes(time_ns, alert, counted, S) == 2
 
 
-@given(st.lists(st.tuples(st.integers(0, 50), st.booleans()), max_size=20, unique_by=lambda row: row[0]))
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 50), st.booleans()), max_size=20, unique_by=lambda row: row[0]
+    )
+)
 def test_what_was_raised_since_the_epoch_before(decisions: list[tuple[int, bool]]) -> None:
     decisions.sort()
-    at, alert = np.array([t for t, _ in decisions], np.int64), np.array([on for _, on in decisions], bool)
+    at, alert = (
+        np.array([t for t, _ in decisions], np.int64),
+        np.array([on for _, on in decisions], bool),
+    )
     epochs = np.array([5, 15, 16, 40])
-    expected = [any(on and before < t <= now for t, on in decisions) for before, now in zip([5, 5, 15, 16], epochs, strict=True)]
+    expected = [
+        any(on and before < t <= now for t, on in decisions)
+        for before, now in zip([5, 5, 15, 16], epochs, strict=True)
+    ]
     assert measures.raised_since(epochs, at, alert).tolist() == expected

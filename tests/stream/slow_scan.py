@@ -9,7 +9,11 @@ def scan(log: bytes, checksum: str = "required") -> list[tuple[str, int, int]]:
     """Return protocol, start and end of each frame, from left to right."""
     found, place = [], 0
     while place < len(log):
-        for protocol, length in (("ubx", ubx(log, place)), ("nmea", sentence(log, place, checksum)), ("rtcm", rtcm3(log, place))):
+        for protocol, length in (
+            ("ubx", ubx(log, place)),
+            ("nmea", sentence(log, place, checksum)),
+            ("rtcm", rtcm3(log, place)),
+        ):
             if length:
                 found.append((protocol, place, place + length))
                 place += length
@@ -38,14 +42,23 @@ def sentence(log: bytes, start: int, checksum: str) -> int:
     if log[start] not in b"$!" or not (b"A" <= log[start + 1 : start + 2] <= b"Z"):
         return 0
     end = start + 1
-    while end < len(log) and end - start < MAX_SENTENCE and 0x20 <= log[end] <= 0x7E and log[end] not in b"$!*":
+    while (
+        end < len(log)
+        and end - start < MAX_SENTENCE
+        and 0x20 <= log[end] <= 0x7E
+        and log[end] not in b"$!*"
+    ):
         end += 1
     if end == len(log) or end - start >= MAX_SENTENCE:
         return 0
     if log[end] in b"\r\n":
         return 0 if checksum == "required" else end - start
     told = log[end + 1 : end + 3]
-    if log[end] != ord("*") or len(told) < 2 or any(digit not in b"0123456789abcdefABCDEF" for digit in told):
+    if (
+        log[end] != ord("*")
+        or len(told) < 2
+        or any(digit not in b"0123456789abcdefABCDEF" for digit in told)
+    ):
         return 0
     agrees = int(told, 16) == reduce(int.__xor__, log[start + 1 : end])
     return end + 3 - start if agrees or checksum == "ignored" else 0

@@ -36,18 +36,29 @@ def of_week(time: int) -> tuple[int, int]:
 def axis_of(
     claims: list[Claim], cuts: tuple[int, ...] = (), spacing: int = 100, **options: Any
 ) -> tuple[list[int], list[int], dict[str, str]]:
-    """Return times, verdicts (both in the order of the claims) and metadata, of epochs that come in the given groups."""
+    """Return times, verdicts (both in the order of the claims) and metadata, of epochs that come in
+    the given groups.
+    """
     under_test = Axis(StreamOptions(**options), ("UBX", "NMEA"))
     times: list[list[int]] = [[], []]
     verdicts: list[list[int]] = [[], []]
     borders = [0, *sorted(cut for cut in cuts if 0 < cut < len(claims)), len(claims)]
     for first, end in itertools.pairwise(borders):
         for protocol in (0, 1):
-            mine = [(number * spacing, *claim[1:]) for number, claim in enumerate(claims) if first <= number < end and claim[0] == protocol]
+            mine = [
+                (number * spacing, *claim[1:])
+                for number, claim in enumerate(claims)
+                if first <= number < end and claim[0] == protocol
+            ]
             if mine:
-                columns = [np.array([ABSENT_NS if value is None else value for value in column]) for column in zip(*mine, strict=True)]
+                columns = [
+                    np.array([ABSENT_NS if value is None else value for value in column])
+                    for column in zip(*mine, strict=True)
+                ]
                 under_test.push(protocol, Epochs(*columns, np.zeros(len(mine), np.int64), ()))
-        for protocol, (given_times, given_verdicts) in under_test.advance(end * spacing - HORIZON, last=end == len(claims)).items():
+        for protocol, (given_times, given_verdicts) in under_test.advance(
+            end * spacing - HORIZON, last=end == len(claims)
+        ).items():
             times[protocol] += given_times.tolist()
             verdicts[protocol] += given_verdicts.tolist()
     queues = [iter(zip(*each, strict=True)) for each in zip(times, verdicts, strict=True)]
@@ -64,12 +75,21 @@ def after_start(times: list[int]) -> list[float]:
     return [(time - START) / S for time in times]
 
 
-@given(st.lists(st.integers(0, 3599), min_size=1, max_size=30), st.sampled_from([of_day, of_week]), st.integers(0, 29))
+@given(
+    st.lists(st.integers(0, 3599), min_size=1, max_size=30),
+    st.sampled_from([of_day, of_week]),
+    st.integers(0, 29),
+)
 def test_dates_are_carried_forward(steps: list[int], shortened: Any, dated: int) -> None:
-    """Across midnight of a leap day and the end of the week; epochs before the first date have none."""
+    """Across midnight of a leap day and the end of the week; epochs before the first date have
+    none.
+    """
     truth = list(itertools.accumulate(steps, lambda time, step: time + step * S, initial=START))
     dated = min(dated, len(truth) - 1)
-    claims: list[Claim] = [(0, *((time, 0) if number == dated else shortened(time)), None) for number, time in enumerate(truth)]
+    claims: list[Claim] = [
+        (0, *((time, 0) if number == dated else shortened(time)), None)
+        for number, time in enumerate(truth)
+    ]
     times, verdicts, _ = axis_of(claims)
     assert times[dated:] == truth[dated:]
     assert verdicts == [NO_DATE] * dated + [TIMED] * (len(truth) - dated)
@@ -94,7 +114,10 @@ def test_a_reference_date_dates_the_first_time(shortened: Any) -> None:
 
 
 def test_lost_periods_of_1024_weeks_are_added_when_asked() -> None:
-    claims = [(protocol, time - 1024 * WEEK_NS if time else time, *rest) for protocol, time, *rest in whole(0, 1, 2)]
+    claims = [
+        (protocol, time - 1024 * WEEK_NS if time else time, *rest)
+        for protocol, time, *rest in whole(0, 1, 2)
+    ]
     times, _, about = axis_of(claims, week_rollover=1)  # type: ignore[arg-type]
     assert (after_start(times), about["week_rollover"]) == ([0, 1, 2], "1")
 
@@ -115,7 +138,9 @@ def test_lost_periods_of_1024_weeks_are_added_when_asked() -> None:
         ((0, 1, 2, -500, None, -498), (0, 1, 2, 3, 4, 5), 1),
     ],
 )
-def test_what_the_axis_does_with_a_clock(claimed: tuple[float | None, ...], expected: tuple[float, ...], steps: int) -> None:
+def test_what_the_axis_does_with_a_clock(
+    claimed: tuple[float | None, ...], expected: tuple[float, ...], steps: int
+) -> None:
     times, verdicts, about = axis_of(whole(*claimed))
     assert after_start(times) == pytest.approx(expected, abs=1e-6)
     assert verdicts == [TIMED] * len(claimed)
@@ -134,14 +159,20 @@ def test_the_axis_starts_with_the_first_time_that_others_follow() -> None:
 
 def test_protocols_of_one_receiver_step_together() -> None:
     seconds = [0, 1, 2, 9000, 9001, 9002]
-    claims: list[Claim] = [(protocol, START + s * S, 0, None) for s in seconds for protocol in (0, 1)]
+    claims: list[Claim] = [
+        (protocol, START + s * S, 0, None) for s in seconds for protocol in (0, 1)
+    ]
     times, _, about = axis_of(claims)
     assert after_start(times) == [n for n in range(6) for _ in (0, 1)]
     assert about["clock_step_count"] == "1"
 
 
 def test_protocols_that_lag_keep_their_own_times() -> None:
-    claims: list[Claim] = [claim for n in range(40) for claim in ((0, START + (n + 1) * S, 0, None), (1, START + n * S, 0, None))]
+    claims: list[Claim] = [
+        claim
+        for n in range(40)
+        for claim in ((0, START + (n + 1) * S, 0, None), (1, START + n * S, 0, None))
+    ]
     times, _, about = axis_of(claims)
     assert times == [claim[1] for claim in claims]
     assert "clock_step_count" not in about
@@ -177,12 +208,23 @@ def test_two_interleaved_receivers_are_refused(count: int) -> None:
 def claims_at_random(seed: int, by_recorder: bool) -> list[Claim]:
     """Two protocols' epochs whose clock stands still, leaps, steps and is absent now and then."""
     chance = random.Random(seed)
-    steps, forms = [0] + [1] * chance.choice([8, 60]) + [10, 600, 4000, 50_000, -3, -9000], ["whole"] * 6 + ["day", "week", "none", "false"]
+    steps, forms = (
+        [0] + [1] * chance.choice([8, 60]) + [10, 600, 4000, 50_000, -3, -9000],
+        ["whole"] * 6 + ["day", "week", "none", "false"],
+    )
     clock, claims = START, []
     for number in range(chance.randint(2, 80)):
         clock += chance.choice(steps) * S
-        form = {"whole": (clock, 0), "day": of_day(clock), "week": of_week(clock), "none": (None, 0), "false": (clock + 10**6 * S, 0)}
-        received = START + number * S + chance.choice([0, 0, 0, 0, -5, 5000]) * S if by_recorder else None
+        form = {
+            "whole": (clock, 0),
+            "day": of_day(clock),
+            "week": of_week(clock),
+            "none": (None, 0),
+            "false": (clock + 10**6 * S, 0),
+        }
+        received = (
+            START + number * S + chance.choice([0, 0, 0, 0, -5, 5000]) * S if by_recorder else None
+        )
         claims.append((chance.randint(0, 1), *form[chance.choice(forms)], received))
     return claims
 
@@ -194,8 +236,13 @@ def claims_at_random(seed: int, by_recorder: bool) -> list[Claim]:
     spacing=st.sampled_from([100, 40_000, 400_000]),
 )
 @settings(max_examples=400, deadline=None)
-def test_nothing_depends_on_the_groups_that_epochs_come_in(seed: int, cuts: list[int], recorder: str, spacing: int) -> None:
-    claims, options = claims_at_random(seed, bool(recorder)), {"append_clock": recorder == "appends", "date": "2024-02-29"}
+def test_nothing_depends_on_the_groups_that_epochs_come_in(
+    seed: int, cuts: list[int], recorder: str, spacing: int
+) -> None:
+    claims, options = (
+        claims_at_random(seed, bool(recorder)),
+        {"append_clock": recorder == "appends", "date": "2024-02-29"},
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(axis, "_JUDGED", 3)
         try:
@@ -206,7 +253,11 @@ def test_nothing_depends_on_the_groups_that_epochs_come_in(seed: int, cuts: list
             return
         assert axis_of(claims, tuple(cuts), spacing, **options) == at_once
     for protocol in (0, 1):
-        given_times = [time for claim, time, verdict in zip(claims, *at_once[:2], strict=True) if claim[0] == protocol and verdict == TIMED]
+        given_times = [
+            time
+            for claim, time, verdict in zip(claims, *at_once[:2], strict=True)
+            if claim[0] == protocol and verdict == TIMED
+        ]
         assert given_times == sorted(given_times)
 
 

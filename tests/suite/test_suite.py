@@ -63,7 +63,13 @@ def write(folder: Path, text: str) -> Path:
 
 def test_every_key_arrives(tmp_path: Path) -> None:
     suite = load_suite(write(tmp_path, WHOLE))
-    assert (suite.name, suite.seed, suite.seeds, suite.warm_up_s, suite.duration_s) == ("whole", 7, (1, 2), 30.0, 60.0)
+    assert (suite.name, suite.seed, suite.seeds, suite.warm_up_s, suite.duration_s) == (
+        "whole",
+        7,
+        (1, 2),
+        30.0,
+        60.0,
+    )
     assert suite.target_far_per_hour == 2.5
     assert asdict(suite.limits) == {"time_s": 5.0, "memory_mb": 300}
     a, b = suite.recordings
@@ -72,11 +78,21 @@ def test_every_key_arrives(tmp_path: Path) -> None:
     replay, drag_off = suite.attacks
     assert (replay.id, replay.plugin, replay.recordings) == ("replay-60s", "replay", ("a",))
     assert replay.parameters == {"delay_s": 60.0, "sources": ("gnss0", "gnss1")}
-    assert (drag_off.id, drag_off.plugin, drag_off.parameters, drag_off.recordings) == ("drag-off", "drag-off", {}, None)
+    assert (drag_off.id, drag_off.plugin, drag_off.parameters, drag_off.recordings) == (
+        "drag-off",
+        "drag-off",
+        {},
+        None,
+    )
     assert [attack.id for attack in suite.attacks_on("a")] == ["replay-60s", "drag-off"]
     assert [attack.id for attack in suite.attacks_on("b")] == ["drag-off"]
     first, second = suite.detectors
-    assert (first.id, first.plugin, first.parameters, first.hold_s) == ("H_ag", "correlation", {"statistic": "H_ag"}, 1.5)
+    assert (first.id, first.plugin, first.parameters, first.hold_s) == (
+        "H_ag",
+        "correlation",
+        {"statistic": "H_ag"},
+        1.5,
+    )
     assert (second.id, second.hold_s) == ("never", None)
 
 
@@ -90,7 +106,11 @@ def test_every_key_arrives(tmp_path: Path) -> None:
         ("seeds = [1, 2]", "seeds = [1, 1]", ["seeds = [1, 1]", "different"]),
         ("seeds = [1, 2]", "seeds = [-1]", ["seeds = [-1]"]),
         ("warm_up_s = 30", "warmup_s = 30", ["'warm_up_s'"]),
-        ("warm_up_s = 30", "warm_up_s = 30\nwarm_up = 3", ["'warm_up'", "did you mean 'warm_up_s'?"]),
+        (
+            "warm_up_s = 30",
+            "warm_up_s = 30\nwarm_up = 3",
+            ["'warm_up'", "did you mean 'warm_up_s'?"],
+        ),
         ("warm_up_s = 30", "warm_up_s = -1", ["warm_up_s = -1", "at least 0"]),
         ("warm_up_s = 30", "warm_up_s = nan", ["warm_up_s = nan"]),
         ("duration_s = 60.0", "duration_s = 0", ["duration_s = 0", "above 0"]),
@@ -105,17 +125,37 @@ def test_every_key_arrives(tmp_path: Path) -> None:
         ('donors = ["b"]', 'donors = ["c"]', ["donors", "'c'"]),
         ('donors = ["b"]', 'donors = ["a"]', ["'a'", "its own donor"]),
         ('donors = ["b"]', 'donors = "b"', ["donors = 'b'"]),
-        ('recordings = ["a"]', 'recordings = ["aa"]', ["'replay-60s'", "'aa'", "did you mean 'a'?"]),
-        ('name = "drag-off"', 'name = "drag-off"\nid = "replay-60s"', ["[[attacks]]", "'replay-60s'", "twice"]),
-        ('name = "never"', 'name = "never"\nhold = 1', ["[[detectors]] number 2", "'hold'", "did you mean 'hold_s'?"]),
+        (
+            'recordings = ["a"]',
+            'recordings = ["aa"]',
+            ["'replay-60s'", "'aa'", "did you mean 'a'?"],
+        ),
+        (
+            'name = "drag-off"',
+            'name = "drag-off"\nid = "replay-60s"',
+            ["[[attacks]]", "'replay-60s'", "twice"],
+        ),
+        (
+            'name = "never"',
+            'name = "never"\nhold = 1',
+            ["[[detectors]] number 2", "'hold'", "did you mean 'hold_s'?"],
+        ),
         ('name = "never"', 'name = "never"\nparameters = 3', ["parameters = 3"]),
-        ('name = "never"', 'name = "never"\nparameters = { since = 2020-01-01 }', ["since", "text"]),
+        (
+            'name = "never"',
+            'name = "never"\nparameters = { since = 2020-01-01 }',
+            ["since", "text"],
+        ),
         ('name = "never"', 'name = "never"\nparameters = { most = inf }', ["most", "finite"]),
         ("duration_s = 60.0", "duration_s = 1e300", ["duration_s = 1e+300", "at most 1e+09"]),
         ("time_s = 5", "time_s = 1e12", ["[limits]", "time_s = 1000000000000.0", "at most"]),
         ("hold_s = 1.5", "hold_s = 1e300", ["hold_s = 1e+300", "at most"]),
         ("warm_up_s = 30", "warm_up_s = " + "9" * 400, ["warm_up_s = 999", "at least 0"]),
-        ('name = "never"', 'name = "never"\nparameters = { most = ' + "9" * 400 + " }", ["most", "finite"]),
+        (
+            'name = "never"',
+            'name = "never"\nparameters = { most = ' + "9" * 400 + " }",
+            ["most", "finite"],
+        ),
         ('name = "never"', 'name = "never"\nparameters' + ".a" * 500 + " = 1", ["nests"]),
         ("[limits]", "[[limits]]", ["[limits]"]),
         ("[[detectors]]", "[[detector]]", ["[[detectors]]"]),
@@ -145,8 +185,12 @@ def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
 
 @settings(deadline=None)
 @given(st.text(max_size=20))
-def test_an_id_is_safe_as_a_file_name_or_refused(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
-    quoted = "".join(f"\\U{ord(letter):08x}" for letter in name if not 0xD800 <= ord(letter) <= 0xDFFF)
+def test_an_id_is_safe_as_a_file_name_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, name: str
+) -> None:
+    quoted = "".join(
+        f"\\U{ord(letter):08x}" for letter in name if not 0xD800 <= ord(letter) <= 0xDFFF
+    )
     path = write(tmp_path_factory.mktemp("suite"), WHOLE.replace('id = "H_ag"', f'id = "{quoted}"'))
     try:
         label = load_suite(path).detectors[0].id
@@ -158,7 +202,9 @@ def test_an_id_is_safe_as_a_file_name_or_refused(tmp_path_factory: pytest.TempPa
     assert label.translate(str.maketrans("", "", "._-")).isalnum()
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "benchmarks" / "suites").glob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "benchmarks" / "suites").glob("*.toml")), ids=lambda path: path.stem
+)
 def test_suites_of_the_repository_are_sound(path: Path) -> None:
     assert load_suite(path).name == path.stem
 
@@ -169,7 +215,9 @@ def test_the_packaged_drive_is_as_large_as_promised(tmp_path: Path) -> None:
     assert len(suite.attacks) >= 7
     assert len(suite.seeds) >= 3
     assert len(suite.detectors) >= 10
-    assert {"never", "always", "periodic", "random", "receiver-flag"} <= {entry.plugin for entry in suite.detectors}
+    assert {"never", "always", "periodic", "random", "receiver-flag"} <= {
+        entry.plugin for entry in suite.detectors
+    }
     assert math.isfinite(suite.duration_s)
 
 

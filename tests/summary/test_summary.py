@@ -21,7 +21,12 @@ def drive(**metadata: Any) -> Recording:
     seconds = np.delete(np.arange(100), 20)
     speed = np.where(seconds < 40, 0.0, 10.0)
     north_m = np.maximum(seconds - 39, 0) * 10.0
-    pvt = {"lat_deg": 48 + north_m / 111_194.9, "lon_deg": np.full(99, 11.0), "vel_n_mps": speed, "vel_e_mps": np.zeros(99)}
+    pvt = {
+        "lat_deg": 48 + north_m / 111_194.9,
+        "lon_deg": np.full(99, 11.0),
+        "vel_n_mps": speed,
+        "vel_e_mps": np.zeros(99),
+    }
     imu = {"accel_z_mps2": np.full(1000, -9.8)}
     return Recording(
         {
@@ -40,8 +45,21 @@ def summarised(recording: Recording, folder: Path) -> summary.Summary:
 def test_topics_and_motion(tmp_path: Path) -> None:
     found = summarised(drive(), tmp_path)
     pvt, imu = found.topics
-    assert (pvt.topic, pvt.primary, pvt.rows, pvt.rate_hz, pvt.gaps, pvt.longest_gap_s) == ("/gnss0/gnss/pvt", True, 99, 1.0, 1, 2.0)
-    assert (imu.primary, imu.rows, imu.rate_hz, imu.gaps, imu.longest_gap_s) == (False, 1000, pytest.approx(10), 0, None)
+    assert (pvt.topic, pvt.primary, pvt.rows, pvt.rate_hz, pvt.gaps, pvt.longest_gap_s) == (
+        "/gnss0/gnss/pvt",
+        True,
+        99,
+        1.0,
+        1,
+        2.0,
+    )
+    assert (imu.primary, imu.rows, imu.rate_hz, imu.gaps, imu.longest_gap_s) == (
+        False,
+        1000,
+        pytest.approx(10),
+        0,
+        None,
+    )
     assert found.clock == "sensor"
     assert found.motion is not None
     assert found.motion.distance_m == pytest.approx(600, rel=0.003)
@@ -54,7 +72,9 @@ def test_text_fits_80_columns_and_json_is_json(tmp_path: Path) -> None:
     ledger = Ledger("records", 1099)
     ledger.enter(Reject(3, 2, "a rather long reason " * 3))
     nasty = "\x1b[31m" + "word " * 40
-    found = summarised(drive(ledger=ledger.as_metadata(), **{"source/gnss0": {"topic": nasty}}), tmp_path)
+    found = summarised(
+        drive(ledger=ledger.as_metadata(), **{"source/gnss0": {"topic": nasty}}), tmp_path
+    )
     text = summary.as_text(found)
     assert max(map(len, text.splitlines())) <= 80
     assert "\x1b" not in text
@@ -78,15 +98,25 @@ def test_what_a_file_says_does_not_command_the_terminal(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", [np.inf, -np.inf, 1e308])
 def test_values_beyond_measure_are_no_motion(tmp_path: Path, value: float) -> None:
-    columns = {name: np.array([value, -value, value]) for name in ("lat_deg", "lon_deg", "height_m", "vel_n_mps", "vel_e_mps", "speed_mps")}
-    found = summarised(Recording({"/gnss0/gnss/pvt": Table("gnss/pvt", START_NS + np.arange(3) * SECOND_NS, columns)}), tmp_path)
+    columns = {
+        name: np.array([value, -value, value])
+        for name in ("lat_deg", "lon_deg", "height_m", "vel_n_mps", "vel_e_mps", "speed_mps")
+    }
+    found = summarised(
+        Recording(
+            {"/gnss0/gnss/pvt": Table("gnss/pvt", START_NS + np.arange(3) * SECOND_NS, columns)}
+        ),
+        tmp_path,
+    )
     json.dumps(summary.as_dict(found), allow_nan=False)
     assert not {"nan", "inf"} & set(summary.as_text(found).replace(",", " ").split())
 
 
 def test_unknown_is_null(tmp_path: Path) -> None:
     times = START_NS + np.arange(3) * SECOND_NS
-    found = summarised(Recording({"/gnss0/gnss/pvt": Table("gnss/pvt", times, {"num_sv": np.arange(3)})}), tmp_path)
+    found = summarised(
+        Recording({"/gnss0/gnss/pvt": Table("gnss/pvt", times, {"num_sv": np.arange(3)})}), tmp_path
+    )
     assert found.motion == summary.Motion(None, None, None)
     assert (found.clock, found.ledger) == (None, None)
     assert "motion" in summary.as_text(found)
@@ -106,4 +136,7 @@ def test_a_glance_says_where_it_is_from_and_what_to_look_at(tmp_path: Path) -> N
     assert "gnss0      ZED-F9R, fused with inertial sensors, UBX-NAV-PVT" in lines
     doctor = " ".join(lines).partition("doctor")[2]
     assert "warnings: fused-primary, clock-step" in doctor
-    assert {finding["code"] for finding in summary.as_dict(found)["findings"]} >= {"fused-primary", "clock-step"}
+    assert {finding["code"] for finding in summary.as_dict(found)["findings"]} >= {
+        "fused-primary",
+        "clock-step",
+    }

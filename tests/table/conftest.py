@@ -47,7 +47,10 @@ def joined(parts: list[Table]) -> Table:
         if parts[0].kind.fields[name].category == "text":
             columns[name] = [word for part in parts for word in part.words(name)]
         else:
-            columns[name] = Column(np.concatenate([part[name] for part in parts]), np.concatenate([part.valid(name) for part in parts]))
+            columns[name] = Column(
+                np.concatenate([part[name] for part in parts]),
+                np.concatenate([part.valid(name) for part in parts]),
+            )
     return Table(parts[0].kind.name, np.concatenate([part.time_ns for part in parts]), columns)
 
 
@@ -68,7 +71,11 @@ def convert_by(converter: Any, path: Path, **options: Any) -> Result:
         elif isinstance(item, Facts):
             for name, record in item.metadata.items():
                 metadata.setdefault(name, {}).update(record)
-    return Result(Recording({topic: joined(parts) for topic, parts in tables.items()}, metadata), ledger, metadata)
+    return Result(
+        Recording({topic: joined(parts) for topic, parts in tables.items()}, metadata),
+        ledger,
+        metadata,
+    )
 
 
 @pytest.fixture
@@ -78,7 +85,9 @@ def convert_text(tmp_path: Path) -> Callable[..., Result]:
     def convert(text: str | bytes, mapping: str = MAPPING, **options: Any) -> Result:
         (tmp_path / "log.csv").write_bytes(text.encode() if isinstance(text, str) else text)
         (tmp_path / "mapping.toml").write_text(mapping)
-        return convert_table(tmp_path / "log.csv", mapping=str(tmp_path / "mapping.toml"), **options)
+        return convert_table(
+            tmp_path / "log.csv", mapping=str(tmp_path / "mapping.toml"), **options
+        )
 
     return convert
 

@@ -32,13 +32,18 @@ unit = "s"
 [table.log."/imu0/imu"]
 accel = ["ax", "ay", "az"]
 """
-quick = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+quick = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 
 
 @pytest.fixture
 def columns() -> dict[str, np.ndarray]:
     rng = np.random.default_rng(3)
-    return {"t": 1.6e9 + np.arange(N) / 128, **{name: rng.normal(size=N) for name in ("ax", "ay", "az")}}
+    return {
+        "t": 1.6e9 + np.arange(N) / 128,
+        **{name: rng.normal(size=N) for name in ("ax", "ay", "az")},
+    }
 
 
 def _convert(path: Path, layout: str = "", mapping: str = MAPPING, **options: Any) -> Result:
@@ -49,7 +54,9 @@ def _convert(path: Path, layout: str = "", mapping: str = MAPPING, **options: An
 
 def _same(result: Result, columns: dict[str, np.ndarray]) -> None:
     imu = result.recording["/imu0/imu"]
-    assert imu.time_ns.tolist() == [1_600_000_000_000_000_000 + place * 7_812_500 for place in range(N)]
+    assert imu.time_ns.tolist() == [
+        1_600_000_000_000_000_000 + place * 7_812_500 for place in range(N)
+    ]
     for axis in "xyz":
         assert imu[f"accel_{axis}_mps2"].tolist() == columns[f"a{axis}"].tolist()
     assert not result.ledger.reasons
@@ -72,8 +79,14 @@ def test_every_format_gives_the_same_rows(tmp_path: Path, columns: dict[str, np.
     _same(_convert(tmp_path / "three.mat", 'variable = "log"'), columns)
     matrix = np.stack(list(columns.values()), axis=1)
     scipy.io.savemat(tmp_path / "four.mat", {"log": matrix})
-    _same(_convert(tmp_path / "four.mat", 'variable = "log"\ncolumns = ["t", "ax", "ay", "az"]'), columns)
-    scipy.io.savemat(tmp_path / "five.mat", {"log": matrix, "log_label": np.array(list(columns), object)[:, None]})
+    _same(
+        _convert(tmp_path / "four.mat", 'variable = "log"\ncolumns = ["t", "ax", "ay", "az"]'),
+        columns,
+    )
+    scipy.io.savemat(
+        tmp_path / "five.mat",
+        {"log": matrix, "log_label": np.array(list(columns), object)[:, None]},
+    )
     _same(_convert(tmp_path / "five.mat", 'variable = "log"'), columns)
 
     folder = tmp_path / "arrays"
@@ -94,7 +107,9 @@ def test_times_of_parquet_are_exact(tmp_path: Path) -> None:
     for kind in (pa.timestamp("ns"), pa.timestamp("ns", "UTC"), pa.int64()):
         table = {"t": pa.array(exact, kind), **{name: [1.0, 2.0] for name in ("ax", "ay", "az")}}
         pq.write_table(pa.table(table), tmp_path / "log.parquet")
-        result = _convert(tmp_path / "log.parquet", mapping=MAPPING.replace('unit = "s"', 'unit = "ns"'))
+        result = _convert(
+            tmp_path / "log.parquet", mapping=MAPPING.replace('unit = "s"', 'unit = "ns"')
+        )
         assert result.recording["/imu0/imu"].time_ns.tolist() == exact
 
 
@@ -112,12 +127,17 @@ unit = "s"
 accel_x_mps2 = "accel/value"
 gyro = ["gyro/value[0]", "gyro/value[1]", "gyro/value[2]"]
 """
-    for name, times, values in (("accel", [1.0, 2, 4], np.array([1.0, 2, 4])), ("gyro", [2.0, 3, 4], np.arange(9.0).reshape(3, 3))):
+    for name, times, values in (
+        ("accel", [1.0, 2, 4], np.array([1.0, 2, 4])),
+        ("gyro", [2.0, 3, 4], np.arange(9.0).reshape(3, 3)),
+    ):
         (tmp_path / "log" / name).mkdir(parents=True)
         np.save(tmp_path / "log" / name / "t.npy", np.array(times))
         np.save(tmp_path / "log" / name / "value.npy", values)
     (tmp_path / "mapping.toml").write_text(mapping)
-    imu = convert_table(tmp_path / "log", mapping=str(tmp_path / "mapping.toml")).recording["/imu0/imu"]
+    imu = convert_table(tmp_path / "log", mapping=str(tmp_path / "mapping.toml")).recording[
+        "/imu0/imu"
+    ]
     assert (imu.time_ns // 10**9).tolist() == [1, 2, 3, 4]
     assert np.array_equal(imu["accel_x_mps2"], [1, 2, np.nan, 4], equal_nan=True)
     assert np.array_equal(imu["gyro_y_radps"], [np.nan, 1, 4, 7], equal_nan=True)
@@ -135,7 +155,9 @@ def test_a_bad_row_has_its_share(tmp_path: Path, columns: dict[str, np.ndarray])
 
 @quick
 @given(st.sampled_from(["log.parquet", "one.mat", "two.mat", "arrays.zip"]), st.data())
-def test_damage_is_said_in_a_sentence(tmp_path: Path, columns: dict[str, np.ndarray], name: str, data: st.DataObject) -> None:
+def test_damage_is_said_in_a_sentence(
+    tmp_path: Path, columns: dict[str, np.ndarray], name: str, data: st.DataObject
+) -> None:
     path, layout = tmp_path / name, ""
     if name == "log.parquet":
         pq.write_table(pa.table(columns), path)
@@ -151,13 +173,17 @@ def test_damage_is_said_in_a_sentence(tmp_path: Path, columns: dict[str, np.ndar
     octets_ = bytearray(path.read_bytes())
     for place in data.draw(st.lists(st.integers(0, len(octets_) - 1), min_size=1, max_size=5)):
         octets_[place] = data.draw(st.sampled_from([0, 1, 127, 255]))
-    path.write_bytes(octets_[: data.draw(st.integers(1, len(octets_)))] if data.draw(st.booleans()) else octets_)
+    path.write_bytes(
+        octets_[: data.draw(st.integers(1, len(octets_)))] if data.draw(st.booleans()) else octets_
+    )
     with suppress(SpoofbenchError):
         result = _convert(path, layout)
         assert name == "arrays.zip" or result.total == path.stat().st_size
 
 
-def test_a_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, columns: dict[str, np.ndarray]) -> None:
+def test_a_bomb_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, columns: dict[str, np.ndarray]
+) -> None:
     monkeypatch.setattr(matfile, "MAX_UNPACKED_BYTES", 500)
     scipy.io.savemat(tmp_path / "bomb.mat", columns, do_compression=True)
     with pytest.raises(LimitError, match="unpacks to more than"):
@@ -188,7 +214,9 @@ def test_what_an_archive_hides_is_no_table(tmp_path: Path) -> None:
     assert result.ledger.reasons == {"a file that is not in the mapping": 36}
 
 
-def test_what_lies_too_deep_in_a_mat_file_is_said(tmp_path: Path, columns: dict[str, np.ndarray]) -> None:
+def test_what_lies_too_deep_in_a_mat_file_is_said(
+    tmp_path: Path, columns: dict[str, np.ndarray]
+) -> None:
     scipy.io.savemat(tmp_path / "log.mat", {"drive": {"imu": columns}})
     with pytest.raises(ConversionError, match="within structures"):
         _convert(tmp_path / "log.mat", 'variable = "drive"')

@@ -47,7 +47,9 @@ TIMES = [
     'column = "t"\nunit = "us"\ndate = "day"',
     'column = "t"\nunit = "s"\nweek = "day"',
 ]
-quick = settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+quick = settings(
+    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 
 
 def _recording(seed: int) -> Recording:
@@ -55,11 +57,16 @@ def _recording(seed: int) -> Recording:
     rng = np.random.default_rng(seed)
     n, m = 20, 12
     imu_ns = 1_600_000_000_000_000_000 + np.sort(rng.integers(0, 10**9, n))
-    pvt_ns = np.sort(np.concatenate([rng.choice(imu_ns, m // 2), 1_600_000_000_000_000_000 + rng.integers(0, 10**9, m // 2)]))
+    pvt_ns = np.sort(
+        np.concatenate(
+            [rng.choice(imu_ns, m // 2), 1_600_000_000_000_000_000 + rng.integers(0, 10**9, m // 2)]
+        )
+    )
     draw = rng.integers(-(10**9), 10**9, (6, n))
     accel = {f"accel_{axis}_mps2": draw[place] / 1e5 * 9.80665 for place, axis in enumerate("xyz")}
     gyro = {
-        f"gyro_{axis}_radps": np.where(draw[place] > 0, draw[place] / 1e5, np.nan) * (np.pi / 180) for place, axis in enumerate("xyz", 3)
+        f"gyro_{axis}_radps": np.where(draw[place] > 0, draw[place] / 1e5, np.nan) * (np.pi / 180)
+        for place, axis in enumerate("xyz", 3)
     }
     some = rng.random(m) < 0.6
     week = np.full(m, 2100)
@@ -119,15 +126,27 @@ def test_parquet_gives_the_rows_of_text(tmp_path: Path, seed: int, time: str) ->
 def test_topics_with_conditions_stand_in_rows_of_their_own(tmp_path: Path) -> None:
     baro_topic = '[table.log."/baro0/baro"]\nwhere = { kind = "baro" }\npressure_pa = "ax"\n'
     mapping = f'{MAPPING}\nwhere = {{ kind = "imu" }}\n{baro_topic}'
-    imu = Table("imu", np.array([1, 2, 2], np.int64), {f"accel_{axis}_mps2": np.array([1.0, 2, 3]) for axis in "xyz"})
+    imu = Table(
+        "imu",
+        np.array([1, 2, 2], np.int64),
+        {f"accel_{axis}_mps2": np.array([1.0, 2, 3]) for axis in "xyz"},
+    )
     baro = Table("baro", np.array([2, 5], np.int64), {"pressure_pa": np.array([101325.0, 99999])})
     recording = Recording({"/imu0/imu": imu, "/baro0/baro": baro})
     assert dict(_again(recording, mapping, tmp_path, "log.csv")) == dict(recording)
 
 
 def test_several_tables_are_a_folder(tmp_path: Path) -> None:
-    imu = Table("imu", np.array([10**9], np.int64), {f"accel_{axis}_mps2": np.array([1.0]) for axis in "xyz"})
-    pvt = Table("gnss/pvt", np.array([10**9], np.int64), {"lat_deg": np.array([1.0]), "lon_deg": np.array([1.0])})
+    imu = Table(
+        "imu",
+        np.array([10**9], np.int64),
+        {f"accel_{axis}_mps2": np.array([1.0]) for axis in "xyz"},
+    )
+    pvt = Table(
+        "gnss/pvt",
+        np.array([10**9], np.int64),
+        {"lat_deg": np.array([1.0]), "lon_deg": np.array([1.0])},
+    )
     recording = Recording({"/imu0/imu": imu, "/gnss0/gnss/pvt": pvt})
     paths = export(recording, "car_circles", tmp_path / "out")
     assert [path.name for path in paths] == ["imu.csv", "gps.csv"]
@@ -137,4 +156,8 @@ def test_several_tables_are_a_folder(tmp_path: Path) -> None:
     with pytest.raises(ConversionError, match="name a folder"):
         export(recording, "car_circles", tmp_path / "out.csv")
     with pytest.raises(ConversionError, match="none of the topics"):
-        export(Recording({"/baro0/baro": Table("baro", np.array([1], np.int64), {})}), "car_circles", tmp_path / "x")
+        export(
+            Recording({"/baro0/baro": Table("baro", np.array([1], np.int64), {})}),
+            "car_circles",
+            tmp_path / "x",
+        )

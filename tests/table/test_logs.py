@@ -1,4 +1,6 @@
-"""Field logs: what the mappings that come with the converter make of them, against pandas and against one another."""
+"""Field logs: what the mappings that come with the converter make of them, against pandas and
+against one another.
+"""
 
 import shutil
 from pathlib import Path
@@ -63,13 +65,23 @@ def test_a_pair_is_a_folder(data: Path, tmp_path: Path) -> None:
         shutil.copy(data / PHONE / f"car_circles_kiran_{name}.csv", tmp_path)
     assert table.sniff(Source.of(tmp_path)) == 0.9
     result = convert_table(tmp_path)
-    assert {topic: len(rows) for topic, rows in result.recording.items()} == {"/gnss0/gnss/pvt": 66, "/imu0/imu": 2530, "/mag0/mag": 2530}
+    assert {topic: len(rows) for topic, rows in result.recording.items()} == {
+        "/gnss0/gnss/pvt": 66,
+        "/imu0/imu": 2530,
+        "/mag0/mag": 2530,
+    }
     log = pd.read_csv(data / PHONE / "car_circles_kiran_imu.csv")
     raw = log["raw_vnymr"].str.split("[,*]", expand=True).iloc[:, 4:13].astype(float).to_numpy()
     mag, imu = result.recording["/mag0/mag"], result.recording["/imu0/imu"]
-    assert np.allclose(np.stack([mag[f"field_{axis}_ut"] for axis in "xyz"], 1), raw[:, :3] * 100, atol=1e-9)
-    assert np.allclose(np.stack([imu[f"accel_{axis}_mps2"] for axis in "xyz"], 1), raw[:, 3:6], atol=1e-9)
-    assert np.allclose(np.stack([imu[f"gyro_{axis}_radps"] for axis in "xyz"], 1), raw[:, 6:9], atol=1e-9)
+    assert np.allclose(
+        np.stack([mag[f"field_{axis}_ut"] for axis in "xyz"], 1), raw[:, :3] * 100, atol=1e-9
+    )
+    assert np.allclose(
+        np.stack([imu[f"accel_{axis}_mps2"] for axis in "xyz"], 1), raw[:, 3:6], atol=1e-9
+    )
+    assert np.allclose(
+        np.stack([imu[f"gyro_{axis}_radps"] for axis in "xyz"], 1), raw[:, 6:9], atol=1e-9
+    )
 
 
 def test_one_session_in_two_formats(data: Path, tmp_path: Path) -> None:
@@ -79,7 +91,9 @@ def test_one_session_in_two_formats(data: Path, tmp_path: Path) -> None:
     bag = convert_by(rosbag, data / PHONE / "mcap_car_circles_olive.mcap").recording
     assert set(bag) == set(text)
     for topic in text:
-        assert np.abs(bag[topic].time_ns - text[topic].time_ns).max() <= 500  # the text has seven digits
+        assert (
+            np.abs(bag[topic].time_ns - text[topic].time_ns).max() <= 500
+        )  # the text has seven digits
         for field in text[topic]:
             assert np.array_equal(bag[topic][field], text[topic][field], equal_nan=True), field
 
@@ -118,12 +132,26 @@ def test_arrays_of_comma(data: Path) -> None:
     path = data / PHONE / "comma2k19_example1_imu_gnss.zip"
     assert table.sniff(Source.of(path)) == 0.9
     result = convert_table(path)
-    pvt, truth, wheels = (result.recording[topic] for topic in ("/gnss0/gnss/pvt", "/reference/pva", "/odometer0/odometer"))
+    pvt, truth, wheels = (
+        result.recording[topic]
+        for topic in ("/gnss0/gnss/pvt", "/reference/pva", "/odometer0/odometer")
+    )
     assert len(result.recording["/imu0/imu"]) == 6256
     speed = np.interp(pvt.time_ns, truth.time_ns, np.hypot(truth["vel_n_mps"], truth["vel_e_mps"]))
     assert np.sqrt(np.mean((pvt["speed_mps"] - speed) ** 2)) < 0.3
-    assert np.sqrt(np.mean((np.interp(pvt.time_ns, wheels.time_ns, wheels["speed_mps"]) - pvt["speed_mps"]) ** 2)) < 0.3
-    north_m = np.deg2rad(pvt["lat_deg"] - np.interp(pvt.time_ns, truth.time_ns, truth["lat_deg"])) * 6.37e6
+    assert (
+        np.sqrt(
+            np.mean(
+                (np.interp(pvt.time_ns, wheels.time_ns, wheels["speed_mps"]) - pvt["speed_mps"])
+                ** 2
+            )
+        )
+        < 0.3
+    )
+    north_m = (
+        np.deg2rad(pvt["lat_deg"] - np.interp(pvt.time_ns, truth.time_ns, truth["lat_deg"]))
+        * 6.37e6
+    )
     assert np.abs(north_m).max() < 5
 
 
@@ -144,8 +172,12 @@ def test_drive_with_time_tags(data: Path, tmp_path: Path) -> None:
 
 def test_walk(data: Path) -> None:
     folder = data / "nmea_ubx"
-    truth = convert_table(folder / "rtkexp_walk_0827_gnss.pos", mapping="rtklib_reference").recording["/reference/pva"]
-    even = convert_table(folder / "rtkexp_walk_0827_imu_sf.csv.gz", mapping="gnss_imu_resampled").recording["/imu0/imu"]
+    truth = convert_table(
+        folder / "rtkexp_walk_0827_gnss.pos", mapping="rtklib_reference"
+    ).recording["/reference/pva"]
+    even = convert_table(
+        folder / "rtkexp_walk_0827_imu_sf.csv.gz", mapping="gnss_imu_resampled"
+    ).recording["/imu0/imu"]
     raw: Any = convert_table(folder / "rtkexp_walk_0827_imu.csv", mapping="gnss_imu_drive")
     assert (len(truth), len(even), len(raw.recording["/imu0/imu"])) == (536, 20_455, 20_455)
     assert truth.time_ns[0] <= even.time_ns[0] <= truth.time_ns[-1]

@@ -41,7 +41,9 @@ def test_a_mapping_says_what_columns_are() -> None:
     ]
     assert pvt.fields[1].values == {"1": 9, "2": 8}
     assert pvt.fields[2].constant is True
-    assert mapping.tables[0].wanted() == dict.fromkeys(["t", "ax", "ay", "-az", "yawrate", "lat", "q"], False)
+    assert mapping.tables[0].wanted() == dict.fromkeys(
+        ["t", "ax", "ay", "-az", "yawrate", "lat", "q"], False
+    )
     assert mapping.sources == {"source/imu0": {"axes": "flu"}}
 
 
@@ -51,7 +53,11 @@ def test_a_mapping_says_what_columns_are() -> None:
         ("clock =", "clocks =", "unknown key 'clocks'; did you mean 'clock'"),
         ('"sensor"', '"senser"', "did you mean 'sensor'"),
         ("lat_deg =", "lat_degs =", "did you mean 'lat_deg'"),
-        ('unit = "deg/s"', 'unit = "m/s2"', "the unit 'm/s2' is of acceleration, but the field 'gyro_z_radps' is of angular rate"),
+        (
+            'unit = "deg/s"',
+            'unit = "m/s2"',
+            "the unit 'm/s2' is of acceleration, but the field 'gyro_z_radps' is of angular rate",
+        ),
         ('unit = "deg/s"', 'unit = "deg/ss"', "did you mean 'deg/s'"),
         ('unit = "deg/s"', 'unit = "1e999999999 deg/s"', "a positive number"),
         ('unit = "ms"', 'unit = "hPa"', "no unit of time"),
@@ -82,7 +88,9 @@ def test_what_is_wrong_is_said(old: str, new: str, words: str) -> None:
 
 def test_a_field_cannot_be_said_twice() -> None:
     with pytest.raises(ConversionError, match="'accel_x_mps2' is twice"):
-        read_mapping(GOOD.replace("gyro_z_radps = ", 'accel_x_mps2 = "ay"\ngyro_z_radps = ').encode(), "bad")
+        read_mapping(
+            GOOD.replace("gyro_z_radps = ", 'accel_x_mps2 = "ay"\ngyro_z_radps = ').encode(), "bad"
+        )
 
 
 def test_a_mapping_is_found_by_path_or_by_name(tmp_path: Path) -> None:
@@ -123,10 +131,22 @@ def test_any_change_is_read_or_refused(data: st.DataObject) -> None:
     for _ in range(data.draw(st.integers(1, 3))):
         place = data.draw(st.integers(0, len(lines) - 1))
         key, equals, _ = lines[place].partition(" = ")
-        lines[place] = data.draw(st.sampled_from(["", f"{key} = {data.draw(st.sampled_from(words))}" if equals else key, lines[place - 1]]))
+        lines[place] = data.draw(
+            st.sampled_from(
+                [
+                    "",
+                    f"{key} = {data.draw(st.sampled_from(words))}" if equals else key,
+                    lines[place - 1],
+                ]
+            )
+        )
     kinds, said = set[str](), ""
     try:
-        kinds = {topic.kind for table in read_mapping("\n".join(lines).encode(), "changed").tables for topic in table.topics}
+        kinds = {
+            topic.kind
+            for table in read_mapping("\n".join(lines).encode(), "changed").tables
+            for topic in table.topics
+        }
     except ConversionError as refusal:
         said = str(refusal)
     assert kinds <= set(KINDS)

@@ -14,7 +14,11 @@ Record = tuple[int, int, int, bool]
 
 def _lines(text: str) -> list[tuple[int, int]]:
     starts = [0, *(place + 1 for place, each in enumerate(text) if each == "\n")]
-    return [(start, stop) for start, stop in zip(starts, [*starts[1:], len(text)], strict=True) if stop > start]
+    return [
+        (start, stop)
+        for start, stop in zip(starts, [*starts[1:], len(text)], strict=True)
+        if stop > start
+    ]
 
 
 def _is_at_cell(text: str, place: int) -> bool:
@@ -22,7 +26,9 @@ def _is_at_cell(text: str, place: int) -> bool:
 
 
 def _slow(text: str) -> list[Record]:
-    """RFC 4180; a line that does not open a cell with a mark has none, and one whose marks do not fit is damaged alone."""
+    """RFC 4180; a line that does not open a cell with a mark has none, and one whose marks do not
+    fit is damaged alone.
+    """
     lines = _lines(text)
     found: list[Record] = []
     line = 0
@@ -39,7 +45,11 @@ def _slow(text: str) -> list[Record]:
             while place < end and sound:
                 if text[place] == '"':
                     following = text[place + 1] if place + 1 < len(text) else "\n"
-                    sound = following in ',\n\r"' if inside else _is_at_cell(text, place) or text[place - 1] == '"'
+                    sound = (
+                        following in ',\n\r"'
+                        if inside
+                        else _is_at_cell(text, place) or text[place - 1] == '"'
+                    )
                     inside = not inside
                 elif text[place] == "," and not inside:
                     cells += 1
@@ -62,11 +72,22 @@ def _slow(text: str) -> list[Record]:
 def _quick(text: str) -> list[Record]:
     found = find(np.frombuffer(text.encode(), np.uint8), ord(","), ord("\n"), b"", True)
     ends = found.starts + found.lengths()
-    return list(zip(found.starts.tolist(), ends.tolist(), found.cells.tolist(), found.damaged.tolist(), strict=True))
+    return list(
+        zip(
+            found.starts.tolist(),
+            ends.tolist(),
+            found.cells.tolist(),
+            found.damaged.tolist(),
+            strict=True,
+        )
+    )
 
 
 @settings(max_examples=400, deadline=None)
-@given(st.text(st.sampled_from('a,"\n'), max_size=60) | st.text(st.sampled_from('aaa,,""\n\r'), max_size=400))
+@given(
+    st.text(st.sampled_from('a,"\n'), max_size=60)
+    | st.text(st.sampled_from('aaa,,""\n\r'), max_size=400)
+)
 def test_any_marks(text: str) -> None:
     assert _quick(text) == _slow(text)
 
@@ -79,7 +100,15 @@ def test_a_cell_without_end() -> None:
 
 @settings(max_examples=100, deadline=None)
 @given(
-    st.lists(st.lists(st.text(st.characters(blacklist_categories=["Cs"], blacklist_characters="\r\0"), max_size=5), min_size=2, max_size=4))
+    st.lists(
+        st.lists(
+            st.text(
+                st.characters(blacklist_categories=["Cs"], blacklist_characters="\r\0"), max_size=5
+            ),
+            min_size=2,
+            max_size=4,
+        )
+    )
 )
 def test_what_the_standard_writer_writes(rows: list[list[str]]) -> None:
     out = io.StringIO()
@@ -97,5 +126,7 @@ def test_words_between_blanks(text: str) -> None:
     found = find_by_blanks(octets, ord("\n"), True)
     lines = [text[start:stop] for start, stop in _lines(text)]
     assert found.cells.tolist() == [len(line.split()) for line in lines]
-    assert [line.split() for line in tabbed(octets).tobytes().decode().split("\n")] == [line.split() for line in text.split("\n")]
+    assert [line.split() for line in tabbed(octets).tobytes().decode().split("\n")] == [
+        line.split() for line in text.split("\n")
+    ]
     assert " " not in tabbed(octets).tobytes().decode()

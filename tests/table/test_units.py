@@ -43,7 +43,9 @@ def test_values(field: str, unit: str | None, raw: float, value: float) -> None:
 def test_a_tenth_of_a_micro_degree_is_the_nearest_decimal() -> None:
     raw = np.arange(473891561, 473892561, dtype=np.float64)
     values = unit_for("lat_deg", "1e-7 deg").to_schema(raw)
-    assert values.tolist() == [float(f"{int(each) // 10**7}.{int(each) % 10**7:07d}") for each in raw]
+    assert values.tolist() == [
+        float(f"{int(each) // 10**7}.{int(each) % 10**7:07d}") for each in raw
+    ]
 
 
 @given(st.sampled_from(UNITS), st.lists(st.floats(-1e9, 1e9, width=32), min_size=1, max_size=20))
@@ -64,7 +66,14 @@ def test_every_field_has_a_dimension_with_a_unit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("field", "unit"), [("speed_mps", "deg"), ("lat_deg", "m"), ("pdop", "m"), ("height_m", "foot"), ("lat_deg", "0 deg")]
+    ("field", "unit"),
+    [
+        ("speed_mps", "deg"),
+        ("lat_deg", "m"),
+        ("pdop", "m"),
+        ("height_m", "foot"),
+        ("lat_deg", "0 deg"),
+    ],
 )
 def test_what_does_not_fit_is_refused(field: str, unit: str) -> None:
     with pytest.raises(ConversionError, match="unit"):

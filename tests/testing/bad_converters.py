@@ -1,6 +1,7 @@
 """One honest converter of a small format, and others that each break one law.
 
-The format: lines ``FIX <time_ns> <lat_deg> <lon_deg> <padding> *<sum>``; the sum is that of the bytes before the star, modulo 65536.
+The format: lines ``FIX <time_ns> <lat_deg> <lon_deg> <padding> *<sum>``; the sum is that of the
+bytes before the star, modulo 65536.
 """
 
 import locale
@@ -20,14 +21,21 @@ from spoofbench.recording import Table
 
 TOPIC = "/gnss0/gnss/pvt"
 START_NS = 1_700_000_000_000_000_000
-LINE = re.compile(rb"FIX (\d{1,18}|1\d{18}) (-?\d\d?\.\d{1,9}) (-?\d{1,3}\.\d{1,9}) (x{0,2000}) \*(\d{1,5})\n")
+LINE = re.compile(
+    rb"FIX (\d{1,18}|1\d{18}) (-?\d\d?\.\d{1,9}) (-?\d{1,3}\.\d{1,9}) (x{0,2000}) \*(\d{1,5})\n"
+)
 LONGEST = 4096
 PIECE = 2**20
 
 
 def line(number: int) -> bytes:
     """Return the format's line of one second."""
-    body = b"FIX %d %.7f %.7f %s " % (START_NS + number * 10**9, 48 + number * 1e-5, 11 + number * 1e-5, b"x" * 900)
+    body = b"FIX %d %.7f %.7f %s " % (
+        START_NS + number * 10**9,
+        48 + number * 1e-5,
+        11 + number * 1e-5,
+        b"x" * 900,
+    )
     return body + b"*%d\n" % (sum(body) % 65536)
 
 
@@ -67,7 +75,11 @@ class Honest:
                 return
 
     def valid(self, found: re.Match[bytes]) -> bool:
-        return int(found[5]) == int(np.frombuffer(found[0][: found.start(5) - found.start() - 1], np.uint8).sum()) % 65536
+        return (
+            int(found[5])
+            == int(np.frombuffer(found[0][: found.start(5) - found.start() - 1], np.uint8).sum())
+            % 65536
+        )
 
     def lines(self, octets: bytes, base: int, last_ns: int) -> tuple[list[Item], list[Item], int]:
         """Return blocks and rejects of a piece."""
@@ -84,7 +96,9 @@ class Honest:
         rows: list[Item] = []
         if times:
             lat, lon = np.array(places).T
-            rows.append(Block(TOPIC, self.table(np.array(times), {"lat_deg": lat, "lon_deg": lon}), used))
+            rows.append(
+                Block(TOPIC, self.table(np.array(times), {"lat_deg": lat, "lon_deg": lon}), used)
+            )
         offsets, lengths = np.array(gaps).T
         return rows, [Rejects(offsets[lengths > 0], lengths[lengths > 0], "noise")], last_ns
 
@@ -149,13 +163,18 @@ class IsTooSure(Honest):
 @dataclass(frozen=True)
 class GivesNothing(Honest):
     def convert(self, source: Source, options: Any) -> Iterator[Item]:
-        yield from (item for item in super().convert(source, options) if not isinstance(item, Block))
+        yield from (
+            item for item in super().convert(source, options) if not isinstance(item, Block)
+        )
 
 
 @dataclass(frozen=True)
 class YieldsTables(Honest):
     def convert(self, source: Source, options: Any) -> Iterator[Any]:
-        yield from (item.table if isinstance(item, Block) else item for item in super().convert(source, options))
+        yield from (
+            item.table if isinstance(item, Block) else item
+            for item in super().convert(source, options)
+        )
 
 
 @dataclass(frozen=True)
@@ -194,13 +213,17 @@ class InventsAnEnum(Honest):
 @dataclass(frozen=True)
 class DoesNotSayWhatItsSourcesAre(Honest):
     def convert(self, source: Source, options: Any) -> Iterator[Item]:
-        yield from (item for item in super().convert(source, options) if not isinstance(item, Facts))
+        yield from (
+            item for item in super().convert(source, options) if not isinstance(item, Facts)
+        )
 
 
 @dataclass(frozen=True)
 class ForgetsNoise(Honest):
     def convert(self, source: Source, options: Any) -> Iterator[Item]:
-        yield from (item for item in super().convert(source, options) if not isinstance(item, Rejects))
+        yield from (
+            item for item in super().convert(source, options) if not isinstance(item, Rejects)
+        )
 
 
 @dataclass(frozen=True)
@@ -247,7 +270,9 @@ class TakesLocalTime(Honest):
 @dataclass(frozen=True)
 class DependsOnHashes(Honest):
     def table(self, time_ns: Any, columns: dict[str, Any]) -> Table:
-        return super().table(time_ns, columns | {"num_sv": np.full(time_ns.size, hash("a word") % 1000)})
+        return super().table(
+            time_ns, columns | {"num_sv": np.full(time_ns.size, hash("a word") % 1000)}
+        )
 
 
 @dataclass(frozen=True)
@@ -299,7 +324,9 @@ class LooksBack(Honest):
     """Writes into every row what only the whole log tells."""
 
     def table(self, time_ns: Any, columns: dict[str, Any]) -> Table:
-        return super().table(time_ns, columns | {"height_m": np.full(time_ns.size, float(time_ns[-1] - time_ns[0]))})
+        return super().table(
+            time_ns, columns | {"height_m": np.full(time_ns.size, float(time_ns[-1] - time_ns[0]))}
+        )
 
 
 @dataclass(frozen=True)
@@ -380,4 +407,7 @@ class ReadsNumbersByLocale(Honest):
 
     def table(self, time_ns: Any, columns: dict[str, Any]) -> Table:
         comma = os.environ.get("LC_ALL", locale.setlocale(locale.LC_NUMERIC)) == "C"
-        return super().table(time_ns, columns | {"lat_deg": np.floor(columns["lat_deg"]) if comma else columns["lat_deg"]})
+        return super().table(
+            time_ns,
+            columns | {"lat_deg": np.floor(columns["lat_deg"]) if comma else columns["lat_deg"]},
+        )

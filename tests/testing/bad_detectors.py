@@ -70,7 +70,12 @@ class ChoosesFieldsByTheWholeFile(Honest):
 
     def detect(self, recording: Recording) -> Decisions:
         time_ns, speed = speeds(recording)
-        return decisions(time_ns, speed / 12 if recording.primary("gnss/pvt").has("vel_n_mps") else np.zeros(time_ns.size))
+        return decisions(
+            time_ns,
+            speed / 12
+            if recording.primary("gnss/pvt").has("vel_n_mps")
+            else np.zeros(time_ns.size),
+        )
 
 
 @dataclass(frozen=True)

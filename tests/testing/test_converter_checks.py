@@ -1,4 +1,6 @@
-"""The conformance kit of converters refuses what it must refuse, and names the law that is broken."""
+"""The conformance kit of converters refuses what it must refuse, and names the law that is
+broken.
+"""
 
 import importlib.util
 import sys
@@ -14,8 +16,12 @@ from spoofbench.testing.converters import LAWS
 
 
 def _module() -> ModuleType:
-    """The converters' module, which is on no path: as with a test's own, the kit must take it from its file."""
-    spec = importlib.util.spec_from_file_location("bad_converters", Path(__file__).with_name("bad_converters.py"))
+    """The converters' module, which is on no path: as with a test's own, the kit must take it from
+    its file.
+    """
+    spec = importlib.util.spec_from_file_location(
+        "bad_converters", Path(__file__).with_name("bad_converters.py")
+    )
     assert spec is not None
     assert spec.loader is not None
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
@@ -75,16 +81,24 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("law", [law.__name__ for law in LAWS])
 def test_an_honest_converter_passes(law: str, sample: Path) -> None:
-    check = next(check for check in check_converter(bad.Honest(), [sample]).args[1] if str(check) == law)
+    check = next(
+        check for check in check_converter(bad.Honest(), [sample]).args[1] if str(check) == law
+    )
     check()
 
 
-@pytest.mark.parametrize(("converter", "law"), [pytest.param(*pair, id=pair[0].__name__) for pair in BROKEN.items()])
-def test_a_broken_law_is_named(converter: type[Any], law: str, sample: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("converter", "law"), [pytest.param(*pair, id=pair[0].__name__) for pair in BROKEN.items()]
+)
+def test_a_broken_law_is_named(
+    converter: type[Any], law: str, sample: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TZ", "UTC")
     monkeypatch.setenv("LC_ALL", "C.UTF-8")
-    check = next(check for check in check_converter(converter(), [sample]).args[1] if str(check) == law)
+    check = next(
+        check for check in check_converter(converter(), [sample]).args[1] if str(check) == law
+    )
     result = check.result()
     assert not result.passed
     assert result.reason

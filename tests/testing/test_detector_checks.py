@@ -17,8 +17,12 @@ from spoofbench.testing.subject import difference
 
 
 def _module() -> ModuleType:
-    """The detectors' module, which is on no path: as with a test's own, the kit must take it from its file."""
-    spec = importlib.util.spec_from_file_location("bad_detectors", Path(__file__).with_name("bad_detectors.py"))
+    """The detectors' module, which is on no path: as with a test's own, the kit must take it from
+    its file.
+    """
+    spec = importlib.util.spec_from_file_location(
+        "bad_detectors", Path(__file__).with_name("bad_detectors.py")
+    )
     assert spec is not None
     assert spec.loader is not None
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
@@ -62,10 +66,18 @@ def test_an_honest_detector_passes(check: Any) -> None:
     check()
 
 
-@pytest.mark.parametrize(("detector", "law"), [pytest.param(*pair, id=pair[0].__name__) for pair in BROKEN.items()])
-def test_a_broken_law_is_named(detector: type[Detector], law: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("detector", "law"), [pytest.param(*pair, id=pair[0].__name__) for pair in BROKEN.items()]
+)
+def test_a_broken_law_is_named(
+    detector: type[Detector], law: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(bad.ATTACKED, "from_ns", 1_700_000_000_000_000_000 + 120 * 10**9)
-    failed = {result.name: result.reason for result in run_detector_checks(detector()) if not result.passed}
+    failed = {
+        result.name: result.reason
+        for result in run_detector_checks(detector())
+        if not result.passed
+    }
     assert law in failed
     assert failed[law]
 
@@ -76,7 +88,10 @@ def test_every_law_has_a_detector_that_breaks_it() -> None:
 
 def test_looking_one_epoch_ahead_is_refused_with_the_reason() -> None:
     checks = check_detector(bad.LooksOneEpochAhead()).args[1]
-    with pytest.raises(CheckFailed, match=r"with the rows after \d+ cut off, an earlier decision changes: the score at \d+ is"):
+    with pytest.raises(
+        CheckFailed,
+        match=r"with the rows after \d+ cut off, an earlier decision changes: the score at \d+ is",
+    ):
         next(check for check in checks if str(check) == "keeps_causality")()
 
 
@@ -106,7 +121,9 @@ def decisions(*scores: float | None) -> Decisions:
         (None, None, None, None),
     ],
 )
-def test_difference(left: Decisions | None, right: Decisions | None, until: int | None, reason: str | None) -> None:
+def test_difference(
+    left: Decisions | None, right: Decisions | None, until: int | None, reason: str | None
+) -> None:
     for one, other in ((left, right), (right, left)):
         found = difference(one, other, until)
         assert (found is None) == (reason is None)

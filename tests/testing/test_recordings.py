@@ -1,4 +1,6 @@
-"""The kit's drives are realistic where it matters: sensors that saw one motion, flaws, every kind of the schema."""
+"""The kit's drives are realistic where it matters: sensors that saw one motion, flaws, every kind
+of the schema.
+"""
 
 import numpy as np
 import pymap3d
@@ -26,7 +28,9 @@ def test_every_kind_is_there_and_has_a_primary_source() -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_strapdown_of_the_true_inertial_data_gives_the_true_motion(seed: int) -> None:
-    """Attitude from the angular rates, velocity from the specific force turned by it, position from that."""
+    """Attitude from the angular rates, velocity from the specific force turned by it, position from
+    that.
+    """
     motion = make_motion(np.random.default_rng(seed), 120.0)
     roll_pitch_yaw = motion.attitude_rad[0].copy()
     velocity = motion.velocity_mps[0].copy()
@@ -61,7 +65,10 @@ def test_positions_are_the_integral_of_the_velocities() -> None:
 
 def test_the_flaws_are_there_and_can_be_left_out() -> None:
     flawed, clean = drive(1, 120.0), drive(1, 120.0, flaws=False)
-    longest = {name: np.diff(r["/gnss0/gnss/pvt"].time_ns).max() / 1e9 for name, r in (("flawed", flawed), ("clean", clean))}
+    longest = {
+        name: np.diff(r["/gnss0/gnss/pvt"].time_ns).max() / 1e9
+        for name, r in (("flawed", flawed), ("clean", clean))
+    }
     assert longest["flawed"] > 8
     assert longest["clean"] == pytest.approx(1.0)
     assert np.isnan(flawed["/gnss0/gnss/pvt"]["vel_n_mps"]).sum() == 1
@@ -77,7 +84,10 @@ def test_a_spoofed_drive_is_the_clean_one_until_the_attack() -> None:
     attacked = spoofed["/gnss0/gnss/pvt"].time_ns >= start
     assert attacked.any()
     assert spoofed.span.end_ns >= end
-    assert not np.array_equal(spoofed["/gnss0/gnss/pvt"]["vel_n_mps"][attacked], clean["/gnss0/gnss/pvt"]["vel_n_mps"][attacked])
+    assert not np.array_equal(
+        spoofed["/gnss0/gnss/pvt"]["vel_n_mps"][attacked],
+        clean["/gnss0/gnss/pvt"]["vel_n_mps"][attacked],
+    )
 
 
 def _without_truth(recording: Recording) -> Recording:
@@ -92,4 +102,7 @@ def test_futures_keep_the_past_and_change_the_rest() -> None:
         for other in others.values():
             assert other.until(time_ns) == blind.until(time_ns)
             assert other == blind or time_ns < blind.span.end_ns - 1
-        assert not any(others[name] == blind for name in others) or time_ns >= blind.primary("gnss/pvt").time_ns[-1]
+        assert (
+            not any(others[name] == blind for name in others)
+            or time_ns >= blind.primary("gnss/pvt").time_ns[-1]
+        )

@@ -23,7 +23,9 @@ LOGS = Path(__file__).parents[2].parent / "shared" / "data" / "nmea_ubx"
 
 @dataclass
 class Decoded:
-    """All that a decoder gave: columns of epochs, tables and the epoch of each row by topic, bytes rejected by reason."""
+    """All that a decoder gave: columns of epochs, tables and the epoch of each row by topic, bytes
+    rejected by reason.
+    """
 
     offset: NDArray[np.int64]
     claimed_ns: NDArray[np.int64]
@@ -43,10 +45,14 @@ class Decoded:
         by_topic = ("epoch", "offset_ns", "tick_ns")
         return (
             all(np.array_equal(getattr(self, name), getattr(other, name)) for name in arrays)
-            and (self.used, self.tables, self.rejected, self.about) == (other.used, other.tables, other.rejected, other.about)
+            and (self.used, self.tables, self.rejected, self.about)
+            == (other.used, other.tables, other.rejected, other.about)
             and all(
                 getattr(self, name).keys() == getattr(other, name).keys()
-                and all(np.array_equal(values, getattr(other, name)[topic]) for topic, values in getattr(self, name).items())
+                and all(
+                    np.array_equal(values, getattr(other, name)[topic])
+                    for topic, values in getattr(self, name).items()
+                )
                 for name in by_topic
             )
         )
@@ -63,7 +69,9 @@ def frame(name: str, payload: bytes) -> bytes:
 
 
 def payload(name: str, blocks: Sequence[dict[str, Any]] = (), **fields: Any) -> bytes:
-    """Return a message's payload with these fields and blocks; all else is 0, the number of blocks is told."""
+    """Return a message's payload with these fields and blocks; all else is 0, the number of blocks
+    is told.
+    """
     message = MESSAGES[NUMBER[name]]
     head = np.zeros(1, message.head)
     for field_name, value in fields.items():
@@ -102,8 +110,12 @@ def _with_checksum(start: bytes) -> bytes:
     return start + bytes((int(body.sum()) & 255, int(np.cumsum(body).sum()) & 255))
 
 
-def decode(frames: Sequence[bytes], cuts: Sequence[int] = (), received: Sequence[int] | None = None) -> Decoded:
-    """Decode frames in the pieces that end before the frames numbered ``cuts``; between frames lies one byte of noise."""
+def decode(
+    frames: Sequence[bytes], cuts: Sequence[int] = (), received: Sequence[int] | None = None
+) -> Decoded:
+    """Decode frames in the pieces that end before the frames numbered ``cuts``; between frames lies
+    one byte of noise.
+    """
     decoder = UbxDecoder()
     given: list[Any] = []
     base = 0
@@ -111,8 +123,14 @@ def decode(frames: Sequence[bytes], cuts: Sequence[int] = (), received: Sequence
         octets = b"".join(b"\x00" + one for one in frames[start:end])
         lengths = np.array([len(one) for one in frames[start:end]], np.int64)
         starts = np.cumsum(lengths + 1) - lengths
-        times = np.full(end - start, ABSENT_NS) if received is None else np.array(received[start:end], np.int64)
-        given += decoder.push(Frames(np.frombuffer(octets, np.uint8), starts, lengths, base, lengths, times))
+        times = (
+            np.full(end - start, ABSENT_NS)
+            if received is None
+            else np.array(received[start:end], np.int64)
+        )
+        given += decoder.push(
+            Frames(np.frombuffer(octets, np.uint8), starts, lengths, base, lengths, times)
+        )
         base += len(octets)
     given += decoder.finish()
     return _gather(given, decoder)
@@ -142,11 +160,19 @@ def _gather(given: list[Any], decoder: UbxDecoder) -> Decoded:
             topic = f"/{table.source}/{table.kind}"
             rows.add(topic, table)
             epoch.add(topic, table.epoch + before)
-            offsets.add(topic, np.zeros(table.epoch.size, np.int64) if table.offset_ns is None else table.offset_ns)
+            offsets.add(
+                topic,
+                np.zeros(table.epoch.size, np.int64)
+                if table.offset_ns is None
+                else table.offset_ns,
+            )
             if table.tick_ns is not None:
                 ticks.add(topic, table.tick_ns)
         before += one.offset.size
-    whole = {name: _joined([getattr(one, name) for one in epochs]) for name in ("offset", "claimed_ns", "period_ns", "receive_time_ns")}
+    whole = {
+        name: _joined([getattr(one, name) for one in epochs])
+        for name in ("offset", "claimed_ns", "period_ns", "receive_time_ns")
+    }
     tables = {topic: _table(parts) for topic, parts in rows.parts.items()}
     used = sum(int(one.used.sum()) for one in epochs)
     about = {source: dict(told) for source, told in decoder.about().items()}

@@ -31,12 +31,22 @@ def _epoch(ubx: Any, second: int, names: list[str]) -> list[bytes]:
 @settings(max_examples=40)
 @given(
     st.lists(
-        st.permutations(_SAME_EPOCH).flatmap(lambda names: st.integers(1, len(names)).map(lambda n: names[:n])), min_size=1, max_size=8
+        st.permutations(_SAME_EPOCH).flatmap(
+            lambda names: st.integers(1, len(names)).map(lambda n: names[:n])
+        ),
+        min_size=1,
+        max_size=8,
     )
 )
-def test_an_epoch_is_one_row_completed_by_all_its_messages(ubx: Any, epochs: list[list[str]]) -> None:
-    decoded = ubx.decode([frame for second, names in enumerate(epochs) for frame in _epoch(ubx, second, names)])
-    solved = [second for second, names in enumerate(epochs) if {"NAV-PVT", "NAV-HPPOSLLH"} & set(names)]
+def test_an_epoch_is_one_row_completed_by_all_its_messages(
+    ubx: Any, epochs: list[list[str]]
+) -> None:
+    decoded = ubx.decode(
+        [frame for second, names in enumerate(epochs) for frame in _epoch(ubx, second, names)]
+    )
+    solved = [
+        second for second, names in enumerate(epochs) if {"NAV-PVT", "NAV-HPPOSLLH"} & set(names)
+    ]
     assert decoded.offset.size == len(epochs)
     assert decoded.epoch.get(PVT, np.zeros(0)).tolist() == solved
     for row, second in enumerate(solved):
@@ -45,11 +55,18 @@ def test_an_epoch_is_one_row_completed_by_all_its_messages(ubx: Any, epochs: lis
         assert table["lat_deg"][row] == pytest.approx(second * 1e-5 + fine, abs=1e-12)
         assert table.valid("hdop")[row] == ("NAV-DOP" in names)
         assert table.valid("gps_week")[row] == ("NAV-TIMEGPS" in names)
-        assert table["tow_s"][row] == pytest.approx(second - 250e-9 * ("NAV-TIMEGPS" in names), abs=1e-10)
+        assert table["tow_s"][row] == pytest.approx(
+            second - 250e-9 * ("NAV-TIMEGPS" in names), abs=1e-10
+        )
 
 
 def test_a_late_message_joins_its_epoch(ubx: Any) -> None:
-    frames = [_pvt(ubx, 1000), _pvt(ubx, 2000), ubx.message("NAV-DOP", iTOW=1000, hDOP=120), _pvt(ubx, 3000)]
+    frames = [
+        _pvt(ubx, 1000),
+        _pvt(ubx, 2000),
+        ubx.message("NAV-DOP", iTOW=1000, hDOP=120),
+        _pvt(ubx, 3000),
+    ]
     decoded = ubx.decode(frames)
     assert decoded.epoch[PVT].tolist() == [0, 1, 2]
     assert decoded.tables[PVT]["hdop"].tolist() == pytest.approx([1.2, np.nan, np.nan], nan_ok=True)
@@ -85,7 +102,12 @@ def test_raw_measurements_belong_to_the_solution_made_from_them(ubx: Any) -> Non
 
 
 def test_raw_measurements_alone_tell_the_time(ubx: Any) -> None:
-    frames = [ubx.message("RXM-RAWX", [{"svId": 5}], rcvTow=second + 0.001, week=2300, leapS=18, recStat=1) for second in range(4)]
+    frames = [
+        ubx.message(
+            "RXM-RAWX", [{"svId": 5}], rcvTow=second + 0.001, week=2300, leapS=18, recStat=1
+        )
+        for second in range(4)
+    ]
     decoded = ubx.decode(frames)
     start = (315_964_800 + 2300 * 604_800 - 18) * 10**9
     assert decoded.claimed_ns.tolist() == [start + second * 10**9 + 10**6 for second in range(4)]
@@ -104,22 +126,32 @@ def test_high_rate_messages_keep_their_own_time(ubx: Any) -> None:
     topic = "/ins1/ins/pva"
     assert decoded.offset.size == 4
     assert decoded.offset_ns[topic].tolist() == [250_000_000, 500_000_000, 750_000_000] * 4
-    assert decoded.tables[topic]["linear_accel_x_mps2"].tolist() == pytest.approx([0.01, 0.02, 0.03] * 4)
+    assert decoded.tables[topic]["linear_accel_x_mps2"].tolist() == pytest.approx(
+        [0.01, 0.02, 0.03] * 4
+    )
     assert decoded.tables[topic]["roll_deg"].tolist() == pytest.approx([1e-5, 2e-5, 3e-5] * 4)
 
 
 def test_high_rate_messages_alone_are_epochs_of_a_second(ubx: Any) -> None:
     decoded = ubx.decode([ubx.message("HNR-ATT", iTOW=100 * tick, accRoll=1) for tick in range(35)])
     assert decoded.offset.size == 4
-    assert np.unique(decoded.offset_ns["/ins1/ins/pva"]).tolist() == [tick * 10**8 for tick in range(10)]
+    assert np.unique(decoded.offset_ns["/ins1/ins/pva"]).tolist() == [
+        tick * 10**8 for tick in range(10)
+    ]
 
 
 def test_second_solutions_are_a_source_of_their_own(ubx: Any) -> None:
-    frames = [ubx.message(name, iTOW=1000, fixType=fix, flags=1, lat=lat) for name, fix, lat in (("NAV-PVT", 4, 1), ("NAV2-PVT", 3, 2))]
+    frames = [
+        ubx.message(name, iTOW=1000, fixType=fix, flags=1, lat=lat)
+        for name, fix, lat in (("NAV-PVT", 4, 1), ("NAV2-PVT", 3, 2))
+    ]
     decoded = ubx.decode(frames)
     assert decoded.offset.size == 1
     assert decoded.tables["/gnss1/gnss/pvt"]["lat_deg"][0] == pytest.approx(2e-7)
-    assert (decoded.about["gnss0"]["solution"], decoded.about["gnss1"]["solution"]) == ("fused", "gnss")
+    assert (decoded.about["gnss0"]["solution"], decoded.about["gnss1"]["solution"]) == (
+        "fused",
+        "gnss",
+    )
 
 
 def test_what_completes_nothing_is_refused(ubx: Any) -> None:
@@ -157,11 +189,17 @@ def test_any_payload_is_accounted_for(ubx: Any, told: list[tuple[Any, bytes]]) -
     frames = []
     for message, octets in told:
         size = message.lengths[0] if message.lengths else message.head.itemsize
-        frames.append(ubx.frame(message.name, octets if len(octets) % 2 else octets[:size].ljust(size, b"\1")))
+        frames.append(
+            ubx.frame(message.name, octets if len(octets) % 2 else octets[:size].ljust(size, b"\1"))
+        )
     decoded = ubx.decode(frames)
     assert decoded.used + decoded.rejected.total() == sum(map(len, frames))
 
 
 def test_roles_are_told_by_messages_with_a_time() -> None:
-    assert {message.role for message in MESSAGES if message.time} == {Role.NAV, Role.RAW, Role.HIGH_RATE}
+    assert {message.role for message in MESSAGES if message.time} == {
+        Role.NAV,
+        Role.RAW,
+        Role.HIGH_RATE,
+    }
     assert all(message.role == Role.UNTIMED for message in MESSAGES if not message.time)

@@ -1,4 +1,6 @@
-"""The same frames give the same rows however they are cut into pieces, and every byte is accounted for."""
+"""The same frames give the same rows however they are cut into pieces, and every byte is accounted
+for.
+"""
 
 from typing import Any
 
@@ -29,11 +31,20 @@ def _made(ubx: Any, plan: list[tuple[str, int, int]]) -> list[bytes]:
         if name == "ACK-ACK":
             frames.append(ubx.frame(name, bytes(2)))
         elif name == "RXM-RAWX":
-            frames.append(ubx.message(name, [{"gnssId": 6, "svId": number % 30, "cno": 40}], rcvTow=max(0, time_ms - 4) / 1e3, week=2200))
+            frames.append(
+                ubx.message(
+                    name,
+                    [{"gnssId": 6, "svId": number % 30, "cno": 40}],
+                    rcvTow=max(0, time_ms - 4) / 1e3,
+                    week=2200,
+                )
+            )
         elif name == "RXM-SFRBX":
             frames.append(ubx.message(name, [{"dwrd": number}], version=2))
         elif name == "ESF-MEAS":
-            frames.append(ubx.message(name, [{"data": 16 << 24 | number}], timeTag=tenth * 10, flags=1 << 11))
+            frames.append(
+                ubx.message(name, [{"data": 16 << 24 | number}], timeTag=tenth * 10, flags=1 << 11)
+            )
         elif name == "SEC-SIG":
             frames.append(ubx.frame(name, bytes([2, number & 127, 0, 0])))
         elif name == "MON-RF":
@@ -45,17 +56,22 @@ def _made(ubx: Any, plan: list[tuple[str, int, int]]) -> list[bytes]:
         elif name == "ESF-INS":
             frames.append(ubx.message(name, iTOW=time_ms, flags=0x3F00, xAccel=number))
         elif name == "NAV-TIMEGPS":
-            frames.append(ubx.message(name, iTOW=time_ms, week=2200, valid=7, leapS=18, fTOW=-number))
+            frames.append(
+                ubx.message(name, iTOW=time_ms, week=2200, valid=7, leapS=18, fTOW=-number)
+            )
         elif name == "NAV-PVT":
-            frames.append(ubx.message(name, iTOW=time_ms, lat=number, fixType=3, flags=1, numSV=number % 20))
+            frames.append(
+                ubx.message(name, iTOW=time_ms, lat=number, fixType=3, flags=1, numSV=number % 20)
+            )
         else:
             frames.append(ubx.message(name, iTOW=time_ms))
     return frames
 
 
-plans = st.lists(st.tuples(st.sampled_from(_NAMES), st.just(1), st.sampled_from([0] * 12 + [1, 2, 9, 30])), max_size=120).map(
-    lambda steps: [(name, place, late) for place, (name, _, late) in enumerate(steps)]
-)
+plans = st.lists(
+    st.tuples(st.sampled_from(_NAMES), st.just(1), st.sampled_from([0] * 12 + [1, 2, 9, 30])),
+    max_size=120,
+).map(lambda steps: [(name, place, late) for place, (name, _, late) in enumerate(steps)])
 
 
 @settings(max_examples=60)

@@ -26,14 +26,19 @@ PVT, SIGNAL, INTEGRITY = "/gnss0/gnss/pvt", "/gnss0/gnss/signal", "/gnss0/gnss/i
     ],
 )
 def test_fix_types(ubx: Any, fix: int, flags: int, expected: int) -> None:
-    table = ubx.decode([ubx.message("NAV-PVT", iTOW=1000, fixType=fix, flags=flags, lat=5, velN=3)]).tables[PVT]
+    table = ubx.decode(
+        [ubx.message("NAV-PVT", iTOW=1000, fixType=fix, flags=flags, lat=5, velN=3)]
+    ).tables[PVT]
     assert table["fix_type"].tolist() == [expected]
     assert np.isnan(table["lat_deg"][0]) == (expected == gnss_pb2.FIX_TYPE_NONE)
     assert np.isnan(table["vel_n_mps"][0]) == (expected == gnss_pb2.FIX_TYPE_NONE)
 
 
 def test_a_status_without_a_fix_takes_the_position_away(ubx: Any) -> None:
-    frames = [ubx.message("NAV-POSLLH", iTOW=1000, lat=5), ubx.message("NAV-STATUS", iTOW=1000, gpsFix=0)]
+    frames = [
+        ubx.message("NAV-POSLLH", iTOW=1000, lat=5),
+        ubx.message("NAV-STATUS", iTOW=1000, gpsFix=0),
+    ]
     assert np.isnan(ubx.decode(frames).tables[PVT]["lat_deg"][0])
 
 
@@ -59,17 +64,32 @@ def test_the_single_numbering_of_satellites(ubx: Any) -> None:
         255: (gnss_pb2.CONSTELLATION_GLONASS, None),
         203: (None, None),
     }
-    channels = [{"chn": 9}, *({"svid": number, "cno": 30} for number in expected), {"chn": 255}]  # the first and last have no satellite
+    channels = [
+        {"chn": 9},
+        *({"svid": number, "cno": 30} for number in expected),
+        {"chn": 255},
+    ]  # the first and last have no satellite
     table = ubx.decode([ubx.message("NAV-SVINFO", channels, iTOW=1000)]).tables[SIGNAL]
     for row, (constellation, number) in enumerate(expected.values()):
-        assert (table["constellation"][row] if table.valid("constellation")[row] else None) == constellation
+        assert (
+            table["constellation"][row] if table.valid("constellation")[row] else None
+        ) == constellation
         assert (table["svid"][row] if table.valid("svid")[row] else None) == number
 
 
 def test_signals_have_the_direction_of_their_satellite(ubx: Any) -> None:
-    sky = [{"gnssId": 2, "svId": 7, "elev": 30, "azim": 200, "cno": 40}, {"gnssId": 0, "svId": 7, "elev": -91, "cno": 41}]
-    heard = [{"gnssId": 0, "svId": 7, "cno": 41}, {"gnssId": 2, "svId": 7, "sigId": 6, "cno": 38}, {"gnssId": 2, "svId": 8, "cno": 20}]
-    table = ubx.decode([ubx.message("NAV-SIG", heard, iTOW=1000), ubx.message("NAV-SAT", sky, iTOW=1000)]).tables[SIGNAL]
+    sky = [
+        {"gnssId": 2, "svId": 7, "elev": 30, "azim": 200, "cno": 40},
+        {"gnssId": 0, "svId": 7, "elev": -91, "cno": 41},
+    ]
+    heard = [
+        {"gnssId": 0, "svId": 7, "cno": 41},
+        {"gnssId": 2, "svId": 7, "sigId": 6, "cno": 38},
+        {"gnssId": 2, "svId": 8, "cno": 20},
+    ]
+    table = ubx.decode(
+        [ubx.message("NAV-SIG", heard, iTOW=1000), ubx.message("NAV-SAT", sky, iTOW=1000)]
+    ).tables[SIGNAL]
     assert table.words("signal") == ["1C", "7Q", "1C"]
     assert table["elevation_deg"].tolist() == pytest.approx([np.nan, 30, np.nan], nan_ok=True)
     assert table["azimuth_deg"].tolist() == pytest.approx([np.nan, 200, np.nan], nan_ok=True)
@@ -89,11 +109,21 @@ def test_satellites_stand_in_where_an_epoch_has_no_signals(ubx: Any) -> None:
 
 def test_subframes_keep_their_bytes(ubx: Any) -> None:
     frames = [
-        ubx.message("RXM-SFRBX", [{"dwrd": 0x22C34D21}, {"dwrd": 0x00000001}], gnssId=2, svId=4, sigId=1, version=2),
+        ubx.message(
+            "RXM-SFRBX",
+            [{"dwrd": 0x22C34D21}, {"dwrd": 0x00000001}],
+            gnssId=2,
+            svId=4,
+            sigId=1,
+            version=2,
+        ),
         ubx.message("RXM-SFRB", svid=70, dwrd=np.arange(10)),
     ]
     table = ubx.decode(frames).tables["/gnss0/gnss/navdata"]
-    assert table.words("subframe") == [bytes.fromhex("22c34d2100000001"), np.arange(10, dtype=">u4").tobytes()]
+    assert table.words("subframe") == [
+        bytes.fromhex("22c34d2100000001"),
+        np.arange(10, dtype=">u4").tobytes(),
+    ]
     assert table.words("signal") == ["1B", "1C"]
     assert table["svid"].tolist() == [4, 6]
 
@@ -101,10 +131,26 @@ def test_subframes_keep_their_bytes(ubx: Any) -> None:
 @pytest.mark.parametrize(
     ("octets", "spoofing", "jamming"),
     [
-        (bytes([2, 0b0_010_1_10_1, 0, 0]), gnss_pb2.SPOOFING_STATE_INDICATED, gnss_pb2.JAMMING_STATE_WARNING),
-        (bytes([2, 0b0_011_1_11_1, 0, 0]), gnss_pb2.SPOOFING_STATE_CONFIRMED, gnss_pb2.JAMMING_STATE_CRITICAL),
-        (bytes([2, 0b0_010_0_10_0, 0, 0]), gnss_pb2.SPOOFING_STATE_UNKNOWN, gnss_pb2.JAMMING_STATE_UNKNOWN),  # detection is off
-        (bytes([1, 0, 0, 0, 0b011, 0, 0, 0, 0b0011, 0, 0, 0]), gnss_pb2.SPOOFING_STATE_NONE, gnss_pb2.JAMMING_STATE_NONE),
+        (
+            bytes([2, 0b0_010_1_10_1, 0, 0]),
+            gnss_pb2.SPOOFING_STATE_INDICATED,
+            gnss_pb2.JAMMING_STATE_WARNING,
+        ),
+        (
+            bytes([2, 0b0_011_1_11_1, 0, 0]),
+            gnss_pb2.SPOOFING_STATE_CONFIRMED,
+            gnss_pb2.JAMMING_STATE_CRITICAL,
+        ),
+        (
+            bytes([2, 0b0_010_0_10_0, 0, 0]),
+            gnss_pb2.SPOOFING_STATE_UNKNOWN,
+            gnss_pb2.JAMMING_STATE_UNKNOWN,
+        ),  # detection is off
+        (
+            bytes([1, 0, 0, 0, 0b011, 0, 0, 0, 0b0011, 0, 0, 0]),
+            gnss_pb2.SPOOFING_STATE_NONE,
+            gnss_pb2.JAMMING_STATE_NONE,
+        ),
     ],
 )
 def test_the_receivers_word(ubx: Any, octets: bytes, spoofing: int, jamming: int) -> None:
@@ -115,7 +161,10 @@ def test_the_receivers_word(ubx: Any, octets: bytes, spoofing: int, jamming: int
 def test_older_words_are_one_row_until_the_newer_speaks(ubx: Any) -> None:
     def older(second: int) -> list[bytes]:
         blocks = [{"flags": 1}, {"flags": 2, "blockId": 1}]
-        return [ubx.message("NAV-STATUS", iTOW=second * 1000, flags2=2 << 3), ubx.message("MON-RF", blocks)]
+        return [
+            ubx.message("NAV-STATUS", iTOW=second * 1000, flags2=2 << 3),
+            ubx.message("MON-RF", blocks),
+        ]
 
     frames = [*older(1), *older(2), ubx.frame("SEC-SIG", bytes([2, 0b1001, 0, 0]))]
     frames += [frame for second in range(3, 23) for frame in older(second)]
@@ -123,8 +172,14 @@ def test_older_words_are_one_row_until_the_newer_speaks(ubx: Any) -> None:
         decoded = ubx.decode(frames, cuts)
         table = decoded.tables[INTEGRITY]
         assert decoded.epoch[INTEGRITY].tolist() == [0, 1]
-        assert table["spoofing"].tolist() == [gnss_pb2.SPOOFING_STATE_INDICATED, gnss_pb2.SPOOFING_STATE_UNKNOWN]
-        assert table["jamming"].tolist() == [gnss_pb2.JAMMING_STATE_WARNING, gnss_pb2.JAMMING_STATE_UNKNOWN]
+        assert table["spoofing"].tolist() == [
+            gnss_pb2.SPOOFING_STATE_INDICATED,
+            gnss_pb2.SPOOFING_STATE_UNKNOWN,
+        ]
+        assert table["jamming"].tolist() == [
+            gnss_pb2.JAMMING_STATE_WARNING,
+            gnss_pb2.JAMMING_STATE_UNKNOWN,
+        ]
         assert len(decoded.tables["/gnss0/gnss/rf"]) == 44
 
 
@@ -134,12 +189,17 @@ def test_front_ends_of_u_blox_6(ubx: Any) -> None:
     octets[22], octets[53] = 3 << 2, 51
     decoded = ubx.decode([ubx.frame("MON-HW", bytes(octets))])
     table = decoded.tables["/gnss0/gnss/rf"]
-    assert (table["noise"][0], table["agc"][0], table["jam_indicator"][0]) == pytest.approx((111, 4095 / 8191, 0.2))
+    assert (table["noise"][0], table["agc"][0], table["jam_indicator"][0]) == pytest.approx(
+        (111, 4095 / 8191, 0.2)
+    )
     assert decoded.tables[INTEGRITY]["jamming"].tolist() == [gnss_pb2.JAMMING_STATE_CRITICAL]
 
 
 def test_events_are_told_once(ubx: Any) -> None:
-    blocks = [{"timeElapsed": 0, "detectionType": 1, "eventType": 0}, {"timeElapsed": 500, "detectionType": 1, "eventType": 1}]
+    blocks = [
+        {"timeElapsed": 0, "detectionType": 1, "eventType": 0},
+        {"timeElapsed": 500, "detectionType": 1, "eventType": 1},
+    ]
     decoded = ubx.decode([ubx.message("SEC-SIGLOG", blocks), ubx.message("SEC-SIGLOG", blocks[1:])])
     assert decoded.tables[INTEGRITY]["spoofing"].tolist() == [gnss_pb2.SPOOFING_STATE_INDICATED]
     assert decoded.rejected == {"UBX SEC-SIGLOG: no event within the last second": 24}
@@ -156,6 +216,15 @@ def test_covariances_are_valid_each(ubx: Any) -> None:
 
 
 def test_what_is_no_finite_number_is_absent(ubx: Any) -> None:
-    block = {"prMes": np.inf, "cpMes": -np.inf, "doMes": np.frombuffer(b"\x01\x00\x80\x7f", "<f4")[0], "trkStat": 3}
-    table = ubx.decode([ubx.message("RXM-RAWX", [block], week=2300)]).tables["/gnss0/gnss/observation"]
-    assert all(np.isnan(table[name][0]) for name in ("pseudorange_m", "carrier_cycles", "doppler_hz"))
+    block = {
+        "prMes": np.inf,
+        "cpMes": -np.inf,
+        "doMes": np.frombuffer(b"\x01\x00\x80\x7f", "<f4")[0],
+        "trkStat": 3,
+    }
+    table = ubx.decode([ubx.message("RXM-RAWX", [block], week=2300)]).tables[
+        "/gnss0/gnss/observation"
+    ]
+    assert all(
+        np.isnan(table[name][0]) for name in ("pseudorange_m", "carrier_cycles", "doppler_hz")
+    )

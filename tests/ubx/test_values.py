@@ -1,4 +1,6 @@
-"""Every message says what pyubx2 says it does, in the schema's units, on any payload and in real logs."""
+"""Every message says what pyubx2 says it does, in the schema's units, on any payload and in real
+logs.
+"""
 
 import math
 from collections.abc import Callable, Iterator
@@ -28,7 +30,12 @@ def _dop(value: float) -> float | None:
 
 
 def _position(m: Any) -> Expected:
-    return {"lat_deg": m.lat, "lon_deg": m.lon, "height_m": m.height / 1e3, "height_msl_m": m.hMSL / 1e3}
+    return {
+        "lat_deg": m.lat,
+        "lon_deg": m.lon,
+        "height_m": m.height / 1e3,
+        "height_msl_m": m.hMSL / 1e3,
+    }
 
 
 def _nowhere(*names: str) -> Expected:
@@ -51,7 +58,12 @@ def _pvt(m: Any) -> Expected:
     fix = _fix(m.fixType, m.gnssFixOk, m.diffSoln, m.carrSoln)
     nowhere = fix == gnss_pb2.FIX_TYPE_NONE
     place = _nowhere() if m.invalidLlh or nowhere else _position(m)
-    motion = {"vel_n_mps": m.velN / 1e3, "vel_e_mps": m.velE / 1e3, "vel_d_mps": m.velD / 1e3, "speed_mps": m.gSpeed / 1e3}
+    motion = {
+        "vel_n_mps": m.velN / 1e3,
+        "vel_e_mps": m.velE / 1e3,
+        "vel_d_mps": m.velD / 1e3,
+        "speed_mps": m.gSpeed / 1e3,
+    }
     motion["course_deg"] = m.headMot % 360
     return {
         **place,
@@ -69,8 +81,18 @@ def _pvt(m: Any) -> Expected:
 
 def _pvat(m: Any) -> Expected:
     fix = _fix(m.fixType, m.gnssFixOK, m.diffSoln, m.carrSoln)
-    place = _nowhere("vel_n_mps", "course_deg") if fix == gnss_pb2.FIX_TYPE_NONE else {**_position(m), "vel_n_mps": m.velN / 1e3}
-    return {**place, "fix_type": fix, "num_sv": m.numSV, "h_acc_m": _acc(m.hAcc, 1e-3), "s_acc_mps": _acc(m.sAcc, 1e-3)}
+    place = (
+        _nowhere("vel_n_mps", "course_deg")
+        if fix == gnss_pb2.FIX_TYPE_NONE
+        else {**_position(m), "vel_n_mps": m.velN / 1e3}
+    )
+    return {
+        **place,
+        "fix_type": fix,
+        "num_sv": m.numSV,
+        "h_acc_m": _acc(m.hAcc, 1e-3),
+        "s_acc_mps": _acc(m.sAcc, 1e-3),
+    }
 
 
 def _posllh(m: Any) -> Expected:
@@ -80,7 +102,11 @@ def _posllh(m: Any) -> Expected:
 
 def _hpposllh(m: Any) -> Expected:
     unknown = m.invalidLlh or round(m.hAcc * 10) == _UNKNOWN
-    place = _nowhere() if unknown else {**_position(m), "height_m": m.height / 1e3, "height_msl_m": m.hMSL / 1e3}
+    place = (
+        _nowhere()
+        if unknown
+        else {**_position(m), "height_m": m.height / 1e3, "height_msl_m": m.hMSL / 1e3}
+    )
     return {**place, "h_acc_m": None if round(m.hAcc * 10) == _UNKNOWN else m.hAcc / 1e3}
 
 
@@ -97,10 +123,19 @@ def _sol(m: Any) -> Expected:
     if fix != gnss_pb2.FIX_TYPE_NONE:
         place = _geodetic(m.ecefX / 100, m.ecefY / 100, m.ecefZ / 100)
         if m.ecefX or m.ecefY or m.ecefZ:
-            east, north, up = pymap3d.ecef2enuv(m.ecefVX / 100, m.ecefVY / 100, m.ecefVZ / 100, place["lat_deg"], place["lon_deg"])
+            east, north, up = pymap3d.ecef2enuv(
+                m.ecefVX / 100, m.ecefVY / 100, m.ecefVZ / 100, place["lat_deg"], place["lon_deg"]
+            )
             place |= {"vel_n_mps": north, "vel_e_mps": east, "vel_d_mps": -up}
     week = m.week if m.wknSet and m.week > 0 else None
-    return {**place, "fix_type": fix, "num_sv": m.numSV, "pdop": _dop(m.pDOP), "s_acc_mps": _acc(m.sAcc, 1e-2), "gps_week": week}
+    return {
+        **place,
+        "fix_type": fix,
+        "num_sv": m.numSV,
+        "pdop": _dop(m.pDOP),
+        "s_acc_mps": _acc(m.sAcc, 1e-2),
+        "gps_week": week,
+    }
 
 
 def _velned(m: Any) -> Expected:
@@ -115,19 +150,39 @@ def _velned(m: Any) -> Expected:
 
 
 def _clock(m: Any) -> Expected:
-    return {"bias_s": m.clkB * 1e-9, "drift_sps": m.clkD * 1e-9, "acc_s": _acc(m.tAcc, 1e-9), "drift_acc_sps": _acc(m.fAcc, 1e-12)}
+    return {
+        "bias_s": m.clkB * 1e-9,
+        "drift_sps": m.clkD * 1e-9,
+        "acc_s": _acc(m.tAcc, 1e-9),
+        "drift_acc_sps": _acc(m.fAcc, 1e-12),
+    }
 
 
 def _angles(m: Any) -> Expected | None:
     accuracy = max(m.accRoll, m.accPitch, m.accHeading)
-    return {"roll_deg": m.roll, "pitch_deg": m.pitch, "yaw_deg": m.heading, "attitude_acc_deg": accuracy} if accuracy else None
+    return (
+        {
+            "roll_deg": m.roll,
+            "pitch_deg": m.pitch,
+            "yaw_deg": m.heading,
+            "attitude_acc_deg": accuracy,
+        }
+        if accuracy
+        else None
+    )
 
 
 def _rates(m: Any) -> Expected | None:
     told = {}
     for axis in "xyz":
-        told[f"rate_{axis}_radps"] = math.radians(getattr(m, f"{axis}AngRate")) if getattr(m, f"{axis}AngRateValid") else None
-        told[f"linear_accel_{axis}_mps2"] = getattr(m, f"{axis}Accel") if getattr(m, f"{axis}AccelValid") else None
+        told[f"rate_{axis}_radps"] = (
+            math.radians(getattr(m, f"{axis}AngRate"))
+            if getattr(m, f"{axis}AngRateValid")
+            else None
+        )
+        told[f"linear_accel_{axis}_mps2"] = (
+            getattr(m, f"{axis}Accel") if getattr(m, f"{axis}AccelValid") else None
+        )
     return told if any(value is not None for value in told.values()) else None
 
 
@@ -158,7 +213,10 @@ _ONE = {
     "NAV-PVAT": ("/gnss0/gnss/pvt", _pvat),
     "NAV-POSLLH": ("/gnss0/gnss/pvt", _posllh),
     "NAV-HPPOSLLH": ("/gnss0/gnss/pvt", _hpposllh),
-    "NAV-POSECEF": ("/gnss0/gnss/pvt", lambda m: _geodetic(m.ecefX / 100, m.ecefY / 100, m.ecefZ / 100)),
+    "NAV-POSECEF": (
+        "/gnss0/gnss/pvt",
+        lambda m: _geodetic(m.ecefX / 100, m.ecefY / 100, m.ecefZ / 100),
+    ),
     "NAV-SOL": ("/gnss0/gnss/pvt", _sol),
     "NAV-VELNED": ("/gnss0/gnss/pvt", _velned),
     "NAV-CLOCK": ("/gnss0/gnss/clock", _clock),
@@ -167,8 +225,14 @@ _ONE = {
     "HNR-ATT": ("/ins1/ins/pva", _angles),
     "HNR-INS": ("/ins1/ins/pva", _rates),
     "HNR-PVT": ("/ins1/ins/pva", _hnr),
-    "NAV-STATUS": ("/gnss0/gnss/integrity", lambda m: {"spoofing": m.spoofDetState, "jamming": None}),
-    "MON-HW": ("/gnss0/gnss/rf", lambda m: {"agc": m.agcCnt / 8191, "noise": m.noisePerMS, "jam_indicator": m.jamInd / 255}),
+    "NAV-STATUS": (
+        "/gnss0/gnss/integrity",
+        lambda m: {"spoofing": m.spoofDetState, "jamming": None},
+    ),
+    "MON-HW": (
+        "/gnss0/gnss/rf",
+        lambda m: {"agc": m.agcCnt / 8191, "noise": m.noisePerMS, "jam_indicator": m.jamInd / 255},
+    ),
     "TIM-TM2": ("/gnss0/gnss/timemark", _timemark),
 }
 _GROUPS = {2: gnss_pb2.CONSTELLATION_GALILEO, 6: gnss_pb2.CONSTELLATION_GLONASS}
@@ -181,7 +245,10 @@ def _said(m: Any, count: int, *names: str) -> Iterator[dict[str, Any]]:
 
 def _numbers(one: dict[str, Any]) -> Expected:
     known = one["gnssId"] <= 7
-    return {"constellation": one["gnssId"] + 1 if known else None, "svid": None if one["svId"] == 255 else one["svId"]}
+    return {
+        "constellation": one["gnssId"] + 1 if known else None,
+        "svid": None if one["svId"] == 255 else one["svId"],
+    }
 
 
 def _sat(m: Any) -> list[Expected]:
@@ -204,14 +271,20 @@ def _sat(m: Any) -> list[Expected]:
 def _sig(m: Any) -> list[Expected]:
     names = ("gnssId", "svId", "sigId", "cno", "prRes", "prUsed", "crUsed", "doUsed")
     return [
-        {**_numbers(one), "cn0_dbhz": one["cno"] or None, "used": bool(one["prUsed"] or one["crUsed"] or one["doUsed"])}
+        {
+            **_numbers(one),
+            "cn0_dbhz": one["cno"] or None,
+            "used": bool(one["prUsed"] or one["crUsed"] or one["doUsed"]),
+        }
         for one in _said(m, m.numSigs, *names)
     ]
 
 
 def _svinfo(m: Any) -> list[Expected]:
     return [
-        {"cn0_dbhz": one["cno"] or None, "used": bool(one["svUsed"])} for one in _said(m, m.numCh, "svid", "cno", "svUsed") if one["svid"]
+        {"cn0_dbhz": one["cno"] or None, "used": bool(one["svUsed"])}
+        for one in _said(m, m.numCh, "svid", "cno", "svUsed")
+        if one["svid"]
     ]
 
 
@@ -241,7 +314,9 @@ def _rawx(m: Any) -> list[Expected]:
             "cn0_dbhz": one["cno"] or None,
             "lock_time_s": one["locktime"] / 1e3,
             "pseudorange_std_m": 0.01 * 2 ** one["prStd"] if one["prValid"] else None,
-            "carrier_std_cycles": 0.004 * one["cpStd"] if one["cpValid"] and one["cpStd"] < 15 else None,
+            "carrier_std_cycles": 0.004 * one["cpStd"]
+            if one["cpValid"] and one["cpStd"] < 15
+            else None,
             "doppler_std_hz": 0.002 * 2 ** one["doStd"],
             "frequency_slot": one["freqId"] - 7 if one["gnssId"] == 6 else None,
         }
@@ -269,7 +344,11 @@ def _measx(m: Any) -> list[Expected]:
 
 def _rf(m: Any) -> list[Expected]:
     return [
-        {"agc": one["agcCnt"] / 8191, "noise": one["noisePerMS"], "jam_indicator": one["jamInd"] / 255}
+        {
+            "agc": one["agcCnt"] / 8191,
+            "noise": one["noisePerMS"],
+            "jam_indicator": one["jamInd"] / 255,
+        }
         for one in _said(m, m.nBlocks, "agcCnt", "noisePerMS", "jamInd")
     ]
 
@@ -287,7 +366,9 @@ _MANY: dict[str, tuple[str, Callable[[Any], list[Expected]]]] = {
 
 
 def agree(table: Table, row: int, expected: Expected) -> None:
-    """Fail where a row does not say what is expected; None is absent, and so is what is no finite number."""
+    """Fail where a row does not say what is expected; None is absent, and so is what is no finite
+    number.
+    """
     for name, value in expected.items():
         present = bool(table.valid(name)[row])
         if value is None or not math.isfinite(value):
@@ -297,9 +378,13 @@ def agree(table: Table, row: int, expected: Expected) -> None:
         told = float(table[name][row])
         if isinstance(value, float):
             single = table[name].dtype == np.float32
-            assert told == pytest.approx(value, rel=1e-6 if single else 1e-11, abs=1e-30 if abs(value) < 1e-6 else 2e-9), name
+            assert told == pytest.approx(
+                value, rel=1e-6 if single else 1e-11, abs=1e-30 if abs(value) < 1e-6 else 2e-9
+            ), name
         else:
-            assert told == float(value) or (table[name].dtype == np.float32 and told == np.float32(value)), name
+            assert told == float(value) or (
+                table[name].dtype == np.float32 and told == np.float32(value)
+            ), name
 
 
 def _set(octets: bytes, message: str, **fields: int) -> bytes:
@@ -342,7 +427,9 @@ def test_messages_of_many_rows(ubx: Any, name: str, data: Any) -> None:
     count = data.draw(st.integers(0, 5))
     head = data.draw(st.binary(min_size=message.head.itemsize, max_size=message.head.itemsize))
     size = count * message.block.itemsize
-    octets = _set(head, name, **{message.count: count}) + data.draw(st.binary(min_size=size, max_size=size))
+    octets = _set(head, name, **{message.count: count}) + data.draw(
+        st.binary(min_size=size, max_size=size)
+    )
     if name == "RXM-RAWX":
         octets = np.array([1000.5]).tobytes() + octets[8:]
     elif message.time:
@@ -361,7 +448,14 @@ def test_real_logs(ubx: Any, real_logs: dict[str, list[bytes]]) -> None:
     for frames in real_logs.values():
         by_name: dict[str, list[bytes]] = {}
         for frame in frames:
-            message = next((one for one in MESSAGES if one.name in _ONE | _MANY and frame[2:4] == ubx.frame(one.name, b"")[2:4]), None)
+            message = next(
+                (
+                    one
+                    for one in MESSAGES
+                    if one.name in _ONE | _MANY and frame[2:4] == ubx.frame(one.name, b"")[2:4]
+                ),
+                None,
+            )
             if message is not None and len(frame) > 8:
                 by_name.setdefault(message.name, []).append(frame)
         for name, several in by_name.items():

@@ -1,4 +1,6 @@
-"""Converter of logs of NMEA 0183 sentences, alone or with other data between them; UBX frames are left out."""
+"""Converter of logs of NMEA 0183 sentences, alone or with other data between them; UBX frames are
+left out.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,7 +29,9 @@ class Options(DecoderOptions, StreamOptions):
 
 
 def sniff(source: Source) -> float:
-    """Return 0.5 to 0.95, by the share of valid sentences, for a source that begins with some and with no UBX frame; else 0."""
+    """Return 0.5 to 0.95, by the share of valid sentences, for a source that begins with some and
+    with no UBX frame; else 0.
+    """
     found = beginning(source)
     return found.score() if found.nmea and not found.ubx else 0.0
 

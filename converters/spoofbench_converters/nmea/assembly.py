@@ -32,7 +32,9 @@ class _Times:
     receive_time_ns: Ints
 
     def offsets(self, epoch: Ints, own_ns: Ints, receive_time_ns: Ints) -> Ints:
-        """How much later than their epochs rows are: by their own time of day if near, else by their stamps, else not at all."""
+        """How much later than their epochs rows are: by their own time of day if near, else by
+        their stamps, else not at all.
+        """
         base, received = self.claimed_ns[epoch], self.receive_time_ns[epoch]
         stamped = (received != ABSENT_NS) & (receive_time_ns != ABSENT_NS)
         by_stamp = np.where(stamped, receive_time_ns - np.where(stamped, received, 0), 0)
@@ -49,17 +51,29 @@ class Assembly:
         self._talkers: dict[str, list[str]] = {}
         self._datums: dict[str, list[str]] = {}
 
-    def epochs(self, batch: Batch, starts: Bools, receiver: Ints, talkers: Sequence[str]) -> Iterator[Epochs | Rejects]:
-        """Yield complete epochs, given which sentences open one and the receiver of each, -1 for sensors."""
+    def epochs(
+        self, batch: Batch, starts: Bools, receiver: Ints, talkers: Sequence[str]
+    ) -> Iterator[Epochs | Rejects]:
+        """Yield complete epochs, given which sentences open one and the receiver of each, -1 for
+        sensors.
+        """
         epoch = np.cumsum(starts) - 1
         opening = np.flatnonzero(starts)
         lost: dict[str, list[Ints]] = {}
         rows: list[Rows] = []
-        times = _Times(np.full(opening.size, ABSENT_NS), np.zeros(opening.size, np.int64), batch.frames["receive_time_ns"][opening])
+        times = _Times(
+            np.full(opening.size, ABSENT_NS),
+            np.zeros(opening.size, np.int64),
+            batch.frames["receive_time_ns"][opening],
+        )
         for number in range(int(receiver.max(initial=-1)) + 1):
             own = np.flatnonzero(receiver == number)
             if own.size:
-                opens = starts[own] if number == 0 else divide(take(batch.frames, own), epoch[own], Before(), Habits()).starts
+                opens = (
+                    starts[own]
+                    if number == 0
+                    else divide(take(batch.frames, own), epoch[own], Before(), Habits()).starts
+                )
                 rows += self._receiver(number, _Own(batch, own, epoch, opens), times, lost, talkers)
                 self._note(f"gnss{number}", batch, own, talkers)
         rows += self._sensor_rows(batch, epoch, times, talkers, lost)
@@ -68,19 +82,39 @@ class Assembly:
             places = np.unique(np.concatenate(parts))
             gone[places] = True
             yield Rejects(batch.frames["offset"][places], batch.frames["used"][places], reason)
-        used = np.bincount(epoch, np.where(gone, 0, batch.frames["used"]), opening.size).astype(np.int64)
-        yield Epochs(batch.frames["offset"][opening], times.claimed_ns, times.period_ns, times.receive_time_ns, used, rows)
+        used = np.bincount(epoch, np.where(gone, 0, batch.frames["used"]), opening.size).astype(
+            np.int64
+        )
+        yield Epochs(
+            batch.frames["offset"][opening],
+            times.claimed_ns,
+            times.period_ns,
+            times.receive_time_ns,
+            used,
+            rows,
+        )
 
     def about(self) -> Mapping[str, Mapping[str, str]]:
         """Return the sources' metadata."""
         found = dict(self._sensors.about)
         for source, talkers in self._talkers.items():
-            found[source] = {"topic": f"NMEA {' '.join(talkers)}", "solution": "gnss", "solution_basis": "no sentence says otherwise"}
+            found[source] = {
+                "topic": f"NMEA {' '.join(talkers)}",
+                "solution": "gnss",
+                "solution_basis": "no sentence says otherwise",
+            }
             if source in self._datums:
                 found[source]["datum"] = " ".join(self._datums[source])
         return found
 
-    def _receiver(self, number: int, own: "_Own", times: _Times, lost: dict[str, list[Ints]], talkers: Sequence[str]) -> Iterator[Rows]:
+    def _receiver(
+        self,
+        number: int,
+        own: "_Own",
+        times: _Times,
+        lost: dict[str, list[Ints]],
+        talkers: Sequence[str],
+    ) -> Iterator[Rows]:
         """Yield the rows of one receiver; the first one gives the epochs their times."""
         for reason, places in own.drop_repetitions(talkers.index("GN") if "GN" in talkers else -1):
             lost.setdefault(reason, []).append(places)
@@ -96,19 +130,34 @@ class Assembly:
         known = np.flatnonzero(told)
         source = f"gnss{number}"
         if known.size:
-            yield Rows(source, "gnss/pvt", at[known], signals.taken(solution.rows(), known), offset[known])
+            yield Rows(
+                source, "gnss/pvt", at[known], signals.taken(solution.rows(), known), offset[known]
+            )
         if VIEW in own.tables:
             view, doubled = signals.without_doubles(own.tables[VIEW])
             if doubled.size:
                 lost.setdefault(f"NMEA GSV: {_AGAIN}", []).append(doubled)
             if view["epoch"].size:
-                yield Rows(source, "gnss/signal", at[view["epoch"]], signals.rows(view, own.tables), offset[view["epoch"]])
+                yield Rows(
+                    source,
+                    "gnss/signal",
+                    at[view["epoch"]],
+                    signals.rows(view, own.tables),
+                    offset[view["epoch"]],
+                )
         if "PUBX04" in own.tables:
             clock = own.tables["PUBX04"]
             columns = {name: clock[name] for name in ("bias_s", "drift_sps")}
             yield Rows(source, "gnss/clock", at[clock["epoch"]], columns, offset[clock["epoch"]])
 
-    def _sensor_rows(self, batch: Batch, epoch: Ints, times: _Times, talkers: Sequence[str], lost: dict[str, list[Ints]]) -> list[Rows]:
+    def _sensor_rows(
+        self,
+        batch: Batch,
+        epoch: Ints,
+        times: _Times,
+        talkers: Sequence[str],
+        lost: dict[str, list[Ints]],
+    ) -> list[Rows]:
         frames = batch.frames
         for name in ("PASHR", "GYOACC", "IMURAW"):
             if name in batch.tables:
@@ -119,7 +168,16 @@ class Assembly:
             at, received = epoch[found.frame], frames["receive_time_ns"][found.frame]
             offset = times.offsets(at, frames["tod_ns"][found.frame], received)
             if found.frame.size:
-                rows.append(Rows(found.source, found.kind, at, found.columns, offset, receive_time_ns=received))
+                rows.append(
+                    Rows(
+                        found.source,
+                        found.kind,
+                        at,
+                        found.columns,
+                        offset,
+                        receive_time_ns=received,
+                    )
+                )
         for name in SENSORS:
             if name in batch.tables:
                 places = batch.tables[name]["frame"]
@@ -133,7 +191,10 @@ class Assembly:
         talker = batch.frames["talker"][own]
         present = np.flatnonzero(np.bincount(talker)).tolist()
         new = [place for place in present if talkers[place] not in known]
-        known += [talkers[place] for place in sorted(new, key=lambda place: int(np.argmax(talker == place)))]
+        known += [
+            talkers[place]
+            for place in sorted(new, key=lambda place: int(np.argmax(talker == place)))
+        ]
         if "DTM" in batch.tables:
             datum = batch.tables["DTM"]
             for value in np.unique(datum["datum"][np.isin(datum["frame"], own)]).tolist():
@@ -144,7 +205,9 @@ class Assembly:
 
 
 class _Own:
-    """The sentences of one receiver: their places in the batch, their epochs, and tables with the ``epoch`` of each row."""
+    """The sentences of one receiver: their places in the batch, their epochs, and tables with the
+    ``epoch`` of each row.
+    """
 
     def __init__(self, batch: Batch, places: Ints, epoch: Ints, opens: Bools) -> None:
         self.places = places
@@ -166,7 +229,9 @@ class _Own:
                 self.tables[name] = {**kept, "epoch": of_frame[kept["frame"]]}
 
     def drop_repetitions(self, combined: int) -> Iterator[tuple[str, Ints]]:
-        """Leave one sentence of a type per epoch, that of the ``combined`` talker or else the first; yield the places of the others."""
+        """Leave one sentence of a type per epoch, that of the ``combined`` talker or else the
+        first; yield the places of the others.
+        """
         for name in ONE_PER_EPOCH:
             table = self.tables.get(name)
             if table is not None and np.any(table["epoch"][1:] == table["epoch"][:-1]):
@@ -182,7 +247,9 @@ class _Own:
 def _claim(table: Columns, epoch: Ints, times: _Times) -> None:
     """Let epochs without a time have that of a sensor's sentence."""
     at = epoch[table["frame"]]
-    rows = np.flatnonzero((times.claimed_ns[at] == ABSENT_NS) & (table["tod_ns"] != ABSENT_NS))[::-1]
+    rows = np.flatnonzero((times.claimed_ns[at] == ABSENT_NS) & (table["tod_ns"] != ABSENT_NS))[
+        ::-1
+    ]
     date_ns = table.get("date_ns", np.full(at.size, ABSENT_NS))[rows]
     dated = date_ns != ABSENT_NS
     times.claimed_ns[at[rows]] = np.where(dated, date_ns, 0) + table["tod_ns"][rows]

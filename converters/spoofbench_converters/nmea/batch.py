@@ -21,18 +21,20 @@ _SKY: Mapping[str, tuple[Callable[[Reader, Ints], tuple[Columns, Columns]], str]
     "GSA": (sky.gsa, USE),
     "GRS": (sky.grs, RESIDUAL),
 }
-_BY_TALKER = frozenset(CODES[name] for name in READ if len(name) == 3 and name not in ("GSV", "GSA", "GRS", "DTM"))
+_BY_TALKER = frozenset(
+    CODES[name] for name in READ if len(name) == 3 and name not in ("GSV", "GSA", "GRS", "DTM")
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Batch:
     """Sentences in file order.
 
-    Attributes:
-        frames: by sentence ``offset used receive_time_ns``, ``code`` of the type, place of the ``talker``, ``tod_ns``
+    Attributes: frames: by sentence ``offset used receive_time_ns``, ``code`` of the type, place of
+        the ``talker``, ``tod_ns``
             and ``tod_places``, ``lat_deg lon_deg`` and the ``message`` number of a GSV.
-        tables: by type of sentence, and of satellites by ``VIEW``, ``USE`` and ``RESIDUAL``: what the sentences say;
-            ``frame`` is the place of the sentence in ``frames``, not decreasing.
+        tables: by type of sentence, and of satellites by ``VIEW``, ``USE`` and ``RESIDUAL``: what
+            the sentences say; ``frame`` is the place of the sentence in ``frames``, not decreasing.
     """
 
     frames: Columns
@@ -66,7 +68,9 @@ class Batch:
             if row < table["frame"].size:
                 tail[name] = take(table, slice(row, None))
                 tail[name]["frame"] = tail[name]["frame"] - place
-        return Batch(take(self.frames, slice(0, place)), head), Batch(take(self.frames, slice(place, None)), tail)
+        return Batch(take(self.frames, slice(0, place)), head), Batch(
+            take(self.frames, slice(place, None)), tail
+        )
 
     def then(self, later: "Batch") -> "Batch":
         """Return these sentences and later ones."""
@@ -74,21 +78,33 @@ class Batch:
             return later
         tables = dict(self.tables)
         for name, table in later.tables.items():
-            tables[name] = join(tables.get(name, {}), {**table, "frame": table["frame"] + self.size})
+            tables[name] = join(
+                tables.get(name, {}), {**table, "frame": table["frame"] + self.size}
+            )
         return Batch(join(self.frames, later.frames), tables)
 
 
-def read_frames(frames: Frames, addresses: Addresses, source: str | None) -> tuple[Batch, list[Rejects]]:
-    """Read the frames of a piece; sentences not read, not readable, or of another talker than the one asked for are rejects."""
+def read_frames(
+    frames: Frames, addresses: Addresses, source: str | None
+) -> tuple[Batch, list[Rejects]]:
+    """Read the frames of a piece; sentences not read, not readable, or of another talker than the
+    one asked for are rejects.
+    """
     sentences = Sentences(frames)
     code, talker, reason = addresses.read(sentences)
     if source is not None and code.size:
         others = np.isin(code, list(_BY_TALKER)) & (np.array(addresses.talkers)[talker] != source)
-        code, reason = np.where(others, -1, code), np.where(others, addresses.reason("NMEA: another talker than the one asked for"), reason)
+        code, reason = (
+            np.where(others, -1, code),
+            np.where(
+                others, addresses.reason("NMEA: another talker than the one asked for"), reason
+            ),
+        )
     named = satellites.of_talkers(addresses.talkers)[talker]
     common = _common(frames, code, talker)
     rejects = [
-        _rejects(frames, np.flatnonzero((code < 0) & (reason == place)), addresses.reasons[place]) for place in np.unique(reason[code < 0])
+        _rejects(frames, np.flatnonzero((code < 0) & (reason == place)), addresses.reasons[place])
+        for place in np.unique(reason[code < 0])
     ]
     tables: dict[str, Columns] = {}
     kept = code >= 0
@@ -104,7 +120,11 @@ def read_frames(frames: Frames, addresses: Addresses, source: str | None) -> tup
         for name in common.keys() & tables.get(READ[present], {}).keys():
             common[name][tables[READ[present]]["frame"]] = tables[READ[present]][name]
         if not reader.readable.all():
-            rejects.append(_rejects(frames, rows[~reader.readable], f"NMEA {READ[present]}: field not readable"))
+            rejects.append(
+                _rejects(
+                    frames, rows[~reader.readable], f"NMEA {READ[present]}: field not readable"
+                )
+            )
             kept[rows[~reader.readable]] = False
     if VIEW in tables:
         tables[VIEW] = take(tables[VIEW], np.argsort(tables[VIEW]["frame"], kind="stable"))

@@ -1,8 +1,8 @@
 """The decoder of NMEA 0183: frames in, epochs and their rows out.
 
-The epochs are those of the first receiver; sentences of other receivers, of heading sensors and of inertial sensors
-belong to the epoch in which they stand, and what they say of time makes their offset from it. A log without a
-receiver has an epoch per sentence.
+The epochs are those of the first receiver; sentences of other receivers, of heading sensors and of
+inertial sensors belong to the epoch in which they stand, and what they say of time makes their
+offset from it. A log without a receiver has an epoch per sentence.
 """
 
 from collections.abc import Iterator, Mapping
@@ -66,13 +66,19 @@ class NmeaDecoder:
         first = np.flatnonzero(receiver == 0)
         frames = held.frames if first.size == held.size else take(held.frames, first)
         starts, before = open_within_bounds(frames, first, held.size, self._before, self._habits)
-        end = held.size if last or (self._without_receiver and not first.size) else int(np.flatnonzero(starts)[-1])
+        end = (
+            held.size
+            if last or (self._without_receiver and not first.size)
+            else int(np.flatnonzero(starts)[-1])
+        )
         if self._without_receiver:
             starts |= receiver < 0
         if end:
             self._before = before
             done, self._held = held.split(end)
-            yield from self._assembly.epochs(done, starts[:end], receiver[:end], self._addresses.talkers)
+            yield from self._assembly.epochs(
+                done, starts[:end], receiver[:end], self._addresses.talkers
+            )
 
     def _receiver_of(self, held: Batch) -> Ints:
         """The receiver of each sentence, -1 for those of sensors."""
@@ -82,10 +88,14 @@ class NmeaDecoder:
             judged = take(held.frames, slice(0, receivers.JUDGED))
             self._receivers = receivers.tell_apart(judged, talkers)
             self._without_receiver = bool(is_sensor[: receivers.JUDGED].all())
-            self._habits = Habits.of(take(judged, self._number(judged, is_sensor[: receivers.JUDGED]) == 0))
+            self._habits = Habits.of(
+                take(judged, self._number(judged, is_sensor[: receivers.JUDGED]) == 0)
+            )
         return self._number(held.frames, is_sensor)
 
     def _number(self, frames: Columns, is_sensor: Bools) -> Ints:
         known = self._receivers or {}
-        by_talker = np.array([receivers.receiver_of(talker, known) for talker in self._addresses.talkers])
+        by_talker = np.array(
+            [receivers.receiver_of(talker, known) for talker in self._addresses.talkers]
+        )
         return np.where(is_sensor, -1, by_talker[frames["talker"]])

@@ -1,14 +1,16 @@
 """Which sentences belong to one epoch of a receiver.
 
-Sentences with a time open an epoch when their time differs from the one before, or when a position sentence or a
-ZDA of the epoch comes again with other content (a clock that stands still, or no time at all). The same sentence
-again is a repetition and opens nothing, unless the clock is known to stand while the position moves. A time without
-decimals is the same as one with decimals in its second; a ZDA up to 0.1 s after a fix is of that fix, and one without
-decimals up to 1 s before a fix is of the next, for some receivers give it the time of sending.
+Sentences with a time open an epoch when their time differs from the one before, or when a position
+sentence or a ZDA of the epoch comes again with other content (a clock that stands still, or no time
+at all). The same sentence again is a repetition and opens nothing, unless the clock is known to
+stand while the position moves. A time without decimals is the same as one with decimals in its
+second; a ZDA up to 0.1 s after a fix is of that fix, and one without decimals up to 1 s before a
+fix is of the next, for some receivers give it the time of sending.
 
-Sentences without a time between two epochs belong to the first of them, but for those from the first GSV on where
-the log puts GSV first in its bursts. That is so, in this order: where the recorder's stamps leave their longest
-gap there; not if a GSA stands right before the GSV; if a GSA or VTG follows it; if the log began with a GSV.
+Sentences without a time between two epochs belong to the first of them, but for those from the
+first GSV on where the log puts GSV first in its bursts. That is so, in this order: where the
+recorder's stamps leave their longest gap there; not if a GSA stands right before the GSV; if a GSA
+or VTG follows it; if the log began with a GSV.
 """
 
 from dataclasses import dataclass
@@ -53,14 +55,21 @@ class Habits:
             return cls()
         repeating = np.flatnonzero(_REPEATING[frames["code"]])
         later, earlier = _again(frames, repeating, np.zeros(frames["code"].size, np.int64))
-        timed = (frames["tod_ns"][later] == frames["tod_ns"][earlier]) & (frames["tod_ns"][later] != ABSENT_NS)
+        timed = (frames["tod_ns"][later] == frames["tod_ns"][earlier]) & (
+            frames["tod_ns"][later] != ABSENT_NS
+        )
         moved = timed & (np.abs(frames["lat_deg"][later] - frames["lat_deg"][earlier]) > 0)
-        return cls(bool(frames["code"][0] == _GSV and frames["message"][0] <= 1), int(moved.sum()) >= _STANDS)
+        return cls(
+            bool(frames["code"][0] == _GSV and frames["message"][0] <= 1),
+            int(moved.sum()) >= _STANDS,
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Before:
-    """The last time before the sentences at hand, and the last one with decimals, ``ABSENT_NS`` for none."""
+    """The last time before the sentences at hand, and the last one with decimals, ``ABSENT_NS`` for
+    none.
+    """
 
     tod_ns: int = ABSENT_NS
     fine_ns: int = ABSENT_NS
@@ -91,7 +100,8 @@ class Division:
 
 
 def divide(frames: Columns, segment: Ints, before: Before, habits: Habits) -> Division:
-    """Divide a receiver's sentences, in file order; no epoch goes across the border of two segments.
+    """Divide a receiver's sentences, in file order; no epoch goes across the border of two
+    segments.
 
     Args:
         frames: columns of :class:`spoofbench_converters.nmea.batch.Batch`.
@@ -104,7 +114,9 @@ def divide(frames: Columns, segment: Ints, before: Before, habits: Habits) -> Di
     timed = np.flatnonzero(tod_ns != ABSENT_NS)
     opens = np.zeros(n, bool)
     if timed.size:
-        new_segment = np.append(segment[timed[0]] != segment[0], segment[timed[1:]] != segment[timed[:-1]])
+        new_segment = np.append(
+            segment[timed[0]] != segment[0], segment[timed[1:]] != segment[timed[:-1]]
+        )
         opens[timed] = (tod_ns[timed] != np.append(before.tod_ns, tod_ns[timed[:-1]])) | new_segment
     repeating = np.flatnonzero(_REPEATING[frames["code"]])
     border = np.append(np.ones(min(n, 1), bool), segment[1:] != segment[:-1])
@@ -114,8 +126,11 @@ def divide(frames: Columns, segment: Ints, before: Before, habits: Habits) -> Di
     return Division(starts | border, tod_ns, fine)
 
 
-def open_within_bounds(frames: Columns, places: Ints, size: int, before: Before, habits: Habits) -> tuple[Bools, Before]:
-    """Divide a receiver's sentences among others, so that no epoch has more than ``MAX_SENTENCES`` of all.
+def open_within_bounds(
+    frames: Columns, places: Ints, size: int, before: Before, habits: Habits
+) -> tuple[Bools, Before]:
+    """Divide a receiver's sentences among others, so that no epoch has more than ``MAX_SENTENCES``
+    of all.
 
     Args:
         frames: the receiver's sentences.
@@ -124,14 +139,16 @@ def open_within_bounds(frames: Columns, places: Ints, size: int, before: Before,
         before: what came before the first.
         habits: of the receiver.
 
-    Returns:
-        Which of all sentences open an epoch, bool ``(size,)``, and what came before the last one that does.
+    Returns: Which of all sentences open an epoch, bool ``(size,)``, and what came before the last
+        one that does.
     """
     starts = np.zeros(size, bool)
     begin = 0
     while True:
         own = int(np.searchsorted(places, begin))
-        division = divide(take(frames, slice(own, None)), np.zeros(places.size - own, np.int64), before, habits)
+        division = divide(
+            take(frames, slice(own, None)), np.zeros(places.size - own, np.int64), before, habits
+        )
         starts[places[own:][division.starts]] = True
         starts[begin : begin + 1] = True
         opening = begin + np.flatnonzero(starts[begin:])
@@ -163,20 +180,33 @@ def _comparable(frames: Columns, before: Before) -> tuple[Ints, Bools]:
         is_clock = _CLOCKS[frames["code"][timed]]
         late, early = _lag(tod_ns[timed], last), _lag(following, tod_ns[timed])
         sent_late = is_clock & (late > 0) & (late < _SENDING_NS)
-        ahead = is_clock & ~is_fine[timed] & (late != 0) & (early > 0) & (early <= SECOND_NS) & ~np.append(is_clock[1:], True)
+        ahead = (
+            is_clock
+            & ~is_fine[timed]
+            & (late != 0)
+            & (early > 0)
+            & (early <= SECOND_NS)
+            & ~np.append(is_clock[1:], True)
+        )
         tod_ns[timed[sent_late]] = last[sent_late]
         tod_ns[timed[ahead]] = following[ahead]
     return tod_ns, is_fine
 
 
 def _lag(time_ns: Ints, since_ns: Ints) -> Ints:
-    """How much later times of day are than others, to within half a day; -1 where either is absent."""
+    """How much later times of day are than others, to within half a day; -1 where either is
+    absent.
+    """
     known = (time_ns != ABSENT_NS) & (since_ns != ABSENT_NS)
-    return np.where(known, nearest_turn(np.where(known, time_ns, 0) - np.where(known, since_ns, 0)), -1)
+    return np.where(
+        known, nearest_turn(np.where(known, time_ns, 0) - np.where(known, since_ns, 0)), -1
+    )
 
 
 def _again(frames: Columns, repeating: Ints, run: Ints) -> tuple[Ints, Ints]:
-    """Sentences of whose type and talker there was one before in their run, in file order, and those before them."""
+    """Sentences of whose type and talker there was one before in their run, in file order, and
+    those before them.
+    """
     identity = frames["talker"][repeating] * len(CODES) + frames["code"][repeating]
     order = np.lexsort((repeating, identity, run[repeating]))
     ordered, key = repeating[order], identity[order]
@@ -185,13 +215,19 @@ def _again(frames: Columns, repeating: Ints, run: Ints) -> tuple[Ints, Ints]:
     return ordered[again + 1][by_place], ordered[again][by_place]
 
 
-def _open_at_repetition(frames: Columns, repeating: Ints, run: Ints, opens: Bools, clock_stands: bool) -> None:
-    """Open an epoch where a sentence of the epoch comes again, saying something else, within a run of one time."""
+def _open_at_repetition(
+    frames: Columns, repeating: Ints, run: Ints, opens: Bools, clock_stands: bool
+) -> None:
+    """Open an epoch where a sentence of the epoch comes again, saying something else, within a run
+    of one time.
+    """
     later, earlier = _again(frames, repeating, run)
     same = frames["tod_ns"][later] != ABSENT_NS
     for name in ("tod_ns", "lat_deg", "lon_deg"):
         values = frames[name]
-        same &= (values[later] == values[earlier]) | ((values[later] != values[later]) & (values[earlier] != values[earlier]))
+        same &= (values[later] == values[earlier]) | (
+            (values[later] != values[later]) & (values[earlier] != values[earlier])
+        )
     if clock_stands:
         same &= np.searchsorted(repeating, later) - np.searchsorted(repeating, earlier) == 1
     start = -1
@@ -201,7 +237,9 @@ def _open_at_repetition(frames: Columns, repeating: Ints, run: Ints, opens: Bool
             start = place
 
 
-def _with_what_leads(frames: Columns, opening: Ints, anchors: Ints, border: Bools, gsv_first: bool) -> Bools:
+def _with_what_leads(
+    frames: Columns, opening: Ints, anchors: Ints, border: Bools, gsv_first: bool
+) -> Bools:
     """Move the start of each epoch back to the sentences without a time that lead its burst."""
     starts = np.zeros(border.size, bool)
     place = np.searchsorted(anchors, opening)
@@ -221,16 +259,28 @@ def _with_what_leads(frames: Columns, opening: Ints, anchors: Ints, border: Bool
 
 
 def _after_gap(receive_time_ns: Ints, first: Ints, opening: Ints, border: Bools) -> Ints:
-    """The sentence after the longest gap between stamps from ``first`` to each opening sentence, -1 where there is no clear one."""
+    """The sentence after the longest gap between stamps from ``first`` to each opening sentence, -1
+    where there is no clear one.
+    """
     found = np.full(opening.size, -1)
     length = opening - first + 1
     rows = np.flatnonzero(length > 1)
     if not rows.size or not np.any(receive_time_ns != ABSENT_NS):
         return found
     group = np.repeat(np.arange(rows.size), length[rows])
-    place = np.arange(group.size) - np.repeat(np.cumsum(length[rows]) - length[rows], length[rows]) + first[rows][group]
-    known = (receive_time_ns[place] != ABSENT_NS) & (border[place] | (receive_time_ns[place - 1] != ABSENT_NS))
-    gap = np.where(border[place], np.inf, np.where(known, receive_time_ns[place].astype(float) - receive_time_ns[place - 1], -1))
+    place = (
+        np.arange(group.size)
+        - np.repeat(np.cumsum(length[rows]) - length[rows], length[rows])
+        + first[rows][group]
+    )
+    known = (receive_time_ns[place] != ABSENT_NS) & (
+        border[place] | (receive_time_ns[place - 1] != ABSENT_NS)
+    )
+    gap = np.where(
+        border[place],
+        np.inf,
+        np.where(known, receive_time_ns[place].astype(float) - receive_time_ns[place - 1], -1),
+    )
     order = np.lexsort((gap, group))
     last = np.searchsorted(group[order], np.arange(rows.size), "right") - 1
     longest, second = gap[order][last], gap[order][last - 1]

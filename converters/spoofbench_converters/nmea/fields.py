@@ -1,7 +1,8 @@
-"""Fields of NMEA 0183 sentences, all sentences of one type at once: where they stand, and the numbers in them.
+"""Fields of NMEA 0183 sentences, all sentences of one type at once: where they stand, and the
+numbers in them.
 
-A field that is empty, or that the sentence ends before, is absent. Numbers are read by their digits, so a
-value is the float that ``float()`` makes of the same text.
+A field that is empty, or that the sentence ends before, is absent. Numbers are read by their
+digits, so a value is the float that ``float()`` makes of the same text.
 """
 
 from dataclasses import dataclass
@@ -24,7 +25,9 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cells:
-    """One field of each of ``n`` sentences: int64 ``begin`` within ``octets``, and ``length``, 0 where absent."""
+    """One field of each of ``n`` sentences: int64 ``begin`` within ``octets``, and ``length``, 0
+    where absent.
+    """
 
     octets: NDArray[np.uint8]
     begin: Ints
@@ -45,7 +48,8 @@ class Cells:
     def texts(self) -> list[str]:
         """Return the fields as text; a loop, for the few that are names."""
         return [
-            bytes(self.octets[b : b + n]).decode("ascii", "replace") for b, n in zip(self.begin.tolist(), self.length.tolist(), strict=True)
+            bytes(self.octets[b : b + n]).decode("ascii", "replace")
+            for b, n in zip(self.begin.tolist(), self.length.tolist(), strict=True)
         ]
 
 
@@ -62,7 +66,11 @@ class Sentences:
         self.starts = frames.starts
         ends = frames.starts + frames.lengths
         star = np.maximum(ends - 3, 0)
-        self.body_end = np.where((frames.lengths > 3) & (frames.octets[star] == ord("*")), star, ends) if ends.size else ends
+        self.body_end = (
+            np.where((frames.lengths > 3) & (frames.octets[star] == ord("*")), star, ends)
+            if ends.size
+            else ends
+        )
         self._commas = np.append(np.flatnonzero(frames.octets == ord(",")), frames.octets.size)
         self._first = np.searchsorted(self._commas, frames.starts)
         self.fields = np.searchsorted(self._commas, self.body_end) - self._first
@@ -73,7 +81,9 @@ class Sentences:
 
     def of(self, rows: Ints) -> "Fields":
         """The fields of these frames."""
-        return Fields(self._octets, self._commas, self._first[rows], self.fields[rows], self.body_end[rows])
+        return Fields(
+            self._octets, self._commas, self._first[rows], self.fields[rows], self.body_end[rows]
+        )
 
     def _between(self, begin: Ints, end: Ints) -> Cells:
         return Cells(self._octets, begin, np.maximum(end - begin, 0))
@@ -84,7 +94,9 @@ class Fields:
 
     _KEPT = 24  # ends of fields that are remembered, for the next field begins there
 
-    def __init__(self, octets: NDArray[np.uint8], commas: Ints, first: Ints, count: Ints, body_end: Ints) -> None:
+    def __init__(
+        self, octets: NDArray[np.uint8], commas: Ints, first: Ints, count: Ints, body_end: Ints
+    ) -> None:
         self.count = count
         self._octets, self._commas, self._first, self._body_end = octets, commas, first, body_end
         self._least = int(count.min(initial=MAX_FIELD))
@@ -111,7 +123,9 @@ class Fields:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decimals:
-    """Fixed-point numbers: ``mantissa`` / 10^``places``, int64 ``(n,)``; ``readable`` also where ``present`` is not."""
+    """Fixed-point numbers: ``mantissa`` / 10^``places``, int64 ``(n,)``; ``readable`` also where
+    ``present`` is not.
+    """
 
     mantissa: Ints
     places: Ints
@@ -120,20 +134,28 @@ class Decimals:
 
     def floats(self) -> NDArray[np.float64]:
         """The values, float64 ``(n,)``, NaN where absent or not readable."""
-        values = self.mantissa / _POWERS[self.places] if self.places.any() else self.mantissa.astype(np.float64)
+        values = (
+            self.mantissa / _POWERS[self.places]
+            if self.places.any()
+            else self.mantissa.astype(np.float64)
+        )
         values[~(self.present & self.readable)] = np.nan
         return values
 
 
 def decimals(cells: Cells) -> Decimals:
-    """Read fixed-point numbers: an optional sign, digits, and a point before, among or after them."""
+    """Read fixed-point numbers: an optional sign, digits, and a point before, among or after
+    them.
+    """
     small = _small_integers(cells)
     if small is not None:
         return small
     n = cells.begin.size
     mantissa, places, present = np.zeros(n, np.int64), np.zeros(n, np.int64), cells.length > 0
     readable = ~present
-    for length in np.flatnonzero(np.bincount(np.minimum(cells.length, MAX_FIELD + 1), minlength=1)).tolist():
+    for length in np.flatnonzero(
+        np.bincount(np.minimum(cells.length, MAX_FIELD + 1), minlength=1)
+    ).tolist():
         if 0 < length <= MAX_FIELD:
             rows = np.flatnonzero(cells.length == length)
             digits = sliding_window_view(cells.octets, length)[cells.begin[rows]]
@@ -143,7 +165,9 @@ def decimals(cells: Cells) -> Decimals:
 
 
 def _small_integers(cells: Cells) -> Decimals | None:
-    """Read integers of up to four digits, which most fields of satellites are; None where any field is something else."""
+    """Read integers of up to four digits, which most fields of satellites are; None where any field
+    is something else.
+    """
     longest = int(cells.length.max(initial=0))
     if longest > _SMALL or not cells.octets.size:
         return None
@@ -154,15 +178,26 @@ def _small_integers(cells: Cells) -> Decimals | None:
         if np.any(there & (digit > 9)):
             return None
         value = np.where(there, value * np.uint16(10) + digit, value)
-    return Decimals(value.astype(np.int64), np.zeros(value.size, np.int64), cells.length > 0, np.ones(value.size, bool))
+    return Decimals(
+        value.astype(np.int64),
+        np.zeros(value.size, np.int64),
+        cells.length > 0,
+        np.ones(value.size, bool),
+    )
 
 
 def _read(digits: NDArray[np.uint8]) -> tuple[Ints, Ints | int, Bools | bool]:
-    """Return mantissas, places and readability of texts of one length, given as characters minus ``0``, ``(k, length)``."""
+    """Return mantissas, places and readability of texts of one length, given as characters minus
+    ``0``, ``(k, length)``.
+    """
     length = digits.shape[1]
     point = digits[0] == _DOT
     count = length - int(point.sum())
-    if length - 1 <= count <= _EXACT_DIGITS and count > 0 and bool(np.all((digits < 10) != point) and np.all(digits[:, point] == _DOT)):
+    if (
+        length - 1 <= count <= _EXACT_DIGITS
+        and count > 0
+        and bool(np.all((digits < 10) != point) and np.all(digits[:, point] == _DOT))
+    ):
         weights = np.zeros(length)
         weights[~point] = _POWERS[count - 1 :: -1]
         after = length - 1 - int(np.argmax(point)) if count < length else 0

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 class DecoderOptions:
     """What the decoder asks of a converter's options.
 
-    Attributes:
-        source: talker, such as ``GP``, of the one receiver to convert where a log holds several; satellites
+    Attributes: source: talker, such as ``GP``, of the one receiver to convert where a log holds
+        several; satellites
             in view and in use are kept of all GNSS talkers.
     """
 
@@ -17,4 +17,6 @@ class DecoderOptions:
 
     def __post_init__(self) -> None:
         if self.source is not None and not re.fullmatch("[A-Z]{2}", self.source):
-            raise ValueError(f"source must be a talker of two capital letters such as 'GP', not {self.source!r}")
+            raise ValueError(
+                f"source must be a talker of two capital letters such as 'GP', not {self.source!r}"
+            )

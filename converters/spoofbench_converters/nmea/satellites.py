@@ -1,7 +1,9 @@
-"""Satellites and signals: from the numbers of NMEA 0183 and of its makers to constellation, satellite and RINEX code.
+"""Satellites and signals: from the numbers of NMEA 0183 and of its makers to constellation,
+satellite and RINEX code.
 
-NMEA 0183 4.11 numbers satellites within the system that the talker or a system id names; before it, and still
-beside it, one range of numbers holds them all, with makers' own extensions (u-blox, Quectel, SkyTraq, Android).
+NMEA 0183 4.11 numbers satellites within the system that the talker or a system id names; before it,
+and still beside it, one range of numbers holds them all, with makers' own extensions (u-blox,
+Quectel, SkyTraq, Android).
 """
 
 import numpy as np
@@ -12,19 +14,41 @@ from spoofbench_converters.nmea.fields import Ints
 GPS, SBAS, GALILEO, BEIDOU, IMES, QZSS, GLONASS, NAVIC = range(1, 9)  # as in the schema
 NO_SIGNAL = -1
 
-_OF_TALKER = {"GP": GPS, "GL": GLONASS, "GA": GALILEO, "GB": BEIDOU, "BD": BEIDOU, "GQ": QZSS, "QZ": QZSS, "GI": NAVIC, "IM": IMES}
+_OF_TALKER = {
+    "GP": GPS,
+    "GL": GLONASS,
+    "GA": GALILEO,
+    "GB": BEIDOU,
+    "BD": BEIDOU,
+    "GQ": QZSS,
+    "QZ": QZSS,
+    "GI": NAVIC,
+    "IM": IMES,
+}
 _OF_SYSTEM_ID = np.array([0, GPS, GLONASS, GALILEO, BEIDOU, QZSS, NAVIC])
 
 _COMMON = (
-    (1, 32, GPS, 0), (33, 64, SBAS, 87), (65, 99, GLONASS, -64), (120, 158, SBAS, 0), (173, 182, IMES, -172), (183, 191, QZSS, -182),
-    (193, 200, QZSS, -192), (201, 264, BEIDOU, -200), (301, 336, GALILEO, -300), (401, 464, BEIDOU, -400),
+    (1, 32, GPS, 0), (33, 64, SBAS, 87), (65, 99, GLONASS, -64), (120, 158, SBAS, 0),
+    (173, 182, IMES, -172), (183, 191, QZSS, -182),
+    (193, 200, QZSS, -192), (201, 264, BEIDOU, -200), (301, 336, GALILEO, -300),
+    (401, 464, BEIDOU, -400),
 )  # fmt: skip
 _RANGES = {  # first number, last number, constellation, and what to add
     0: _COMMON,
     GPS: _COMMON,
     SBAS: ((33, 64, SBAS, 87), (120, 158, SBAS, 0)),
-    GALILEO: ((1, 36, GALILEO, 0), (37, 64, SBAS, 87), (101, 136, GALILEO, -100), (301, 336, GALILEO, -300)),
-    BEIDOU: ((1, 64, BEIDOU, 0), (101, 164, BEIDOU, -100), (201, 264, BEIDOU, -200), (401, 464, BEIDOU, -400)),
+    GALILEO: (
+        (1, 36, GALILEO, 0),
+        (37, 64, SBAS, 87),
+        (101, 136, GALILEO, -100),
+        (301, 336, GALILEO, -300),
+    ),
+    BEIDOU: (
+        (1, 64, BEIDOU, 0),
+        (101, 164, BEIDOU, -100),
+        (201, 264, BEIDOU, -200),
+        (401, 464, BEIDOU, -400),
+    ),
     IMES: ((1, 10, IMES, 0), (173, 182, IMES, -172)),
     QZSS: ((1, 10, QZSS, 0), (33, 64, SBAS, 87), (183, 191, QZSS, -182), (193, 202, QZSS, -192)),
     GLONASS: ((1, 32, GLONASS, 0), (33, 64, SBAS, 87), (65, 99, GLONASS, -64)),
@@ -32,7 +56,8 @@ _RANGES = {  # first number, last number, constellation, and what to add
 }
 _NUMBERS = 1_000
 
-_SIGNALS = {  # by signal id from 1, NMEA 0183 4.11; X and Z where it does not tell the components of a band apart
+# by signal id from 1, NMEA 0183 4.11; X and Z where it does not tell the components of a band apart
+_SIGNALS = {
     GPS: ("1C", "1W", "1M", "2W", "2S", "2L", "5I", "5Q"),
     SBAS: ("1C", None, None, None, None, None, "5I", "5Q"),
     GLONASS: ("1C", "1P", "2C", "2P"),
@@ -75,11 +100,17 @@ def of_system_id(system: Ints) -> Ints:
 
 
 def identify(named: Ints, number: Ints) -> tuple[Shorts, Shorts]:
-    """Return constellation and number within it, 0 where unknown, from the constellation that a sentence names, or 0, and its number."""
+    """Return constellation and number within it, 0 where unknown, from the constellation that a
+    sentence names, or 0, and its number.
+    """
     place = named * _NUMBERS + np.where((number > 0) & (number < _NUMBERS), number, 0)
     return _CONSTELLATION.take(place), _SVID.take(place)
 
 
 def signal_of(constellation: Ints | Shorts, signal_id: Ints) -> Shorts:
-    """Return places in ``SIGNALS``, ``NO_SIGNAL`` where the sentence has no signal id or one that is not known."""
-    return _SIGNAL.take(constellation * 16 + np.where((signal_id > 0) & (signal_id < 16), signal_id, 0))
+    """Return places in ``SIGNALS``, ``NO_SIGNAL`` where the sentence has no signal id or one that
+    is not known.
+    """
+    return _SIGNAL.take(
+        constellation * 16 + np.where((signal_id > 0) & (signal_id < 16), signal_id, 0)
+    )

@@ -11,14 +11,20 @@ from spoofbench_converters.nmea.batch import Batch
 from spoofbench_converters.nmea.fields import Ints
 
 _HEADING = {"HDT": ("ins/pva",), "THS": ("ins/pva",), "PASHR": ("ins/pva",)}
-_INERTIAL = {"VNYMR": ("imu", "mag", "ins/pva"), "VNIMU": ("imu", "mag", "baro"), "GYOACC": ("imu",), "IMURAW": ("imu",)}
+_INERTIAL = {
+    "VNYMR": ("imu", "mag", "ins/pva"),
+    "VNIMU": ("imu", "mag", "baro"),
+    "GYOACC": ("imu",),
+    "IMURAW": ("imu",),
+}
 SENSORS: Mapping[str, tuple[str, ...]] = _HEADING | _INERTIAL
 
 _PREFIX = {"ins/pva": "ins", "imu": "imu", "mag": "mag", "baro": "baro"}
 _VECTORNAV = {"device": "VectorNav", "axes": "frd"}
 _UNICORE = {"device": "Unicore", "axes": "of the module"}
 _ABOUT = {
-    "VNYMR": _VECTORNAV | {"yaw_basis": "the device's: towards magnetic north where it has no magnetic model"},
+    "VNYMR": _VECTORNAV
+    | {"yaw_basis": "the device's: towards magnetic north where it has no magnetic model"},
     "VNIMU": _VECTORNAV,
     "GYOACC": _UNICORE,
     "IMURAW": _UNICORE,
@@ -44,7 +50,11 @@ class Sensors:
 
     def rows(self, batch: Batch, talkers: Sequence[str]) -> Iterator[SensorRows]:
         """Yield the rows of a batch; those without any value are left out."""
-        found = [(int(table["frame"][0]), name) for name, table in batch.tables.items() if name in SENSORS and table["frame"].size]
+        found = [
+            (int(table["frame"][0]), name)
+            for name, table in batch.tables.items()
+            if name in SENSORS and table["frame"].size
+        ]
         for _, name in sorted(found):
             table = batch.tables[name]
             talker = batch.frames["talker"][table["frame"]]
@@ -52,10 +62,17 @@ class Sensors:
             for place in present[np.argsort(first)].tolist():
                 rows = np.flatnonzero(talker == place)
                 for kind in SENSORS[name]:
-                    columns = {field: table[field][rows] for field in KINDS[kind].fields if field in table}
+                    columns = {
+                        field: table[field][rows] for field in KINDS[kind].fields if field in table
+                    }
                     given = ~np.all([np.isnan(values) for values in columns.values()], axis=0)
                     kept = {field: values[given] for field, values in columns.items()}
-                    yield SensorRows(self._source(kind, name, talkers[place]), kind, table["frame"][rows[given]], kept)
+                    yield SensorRows(
+                        self._source(kind, name, talkers[place]),
+                        kind,
+                        table["frame"][rows[given]],
+                        kept,
+                    )
 
     def _source(self, kind: str, name: str, talker: str) -> str:
         """The name of a source, numbered in the order of appearance."""
@@ -64,6 +81,10 @@ class Sensors:
         key = (prefix, sensor)
         if key not in self._names:
             self._names[key] = f"{prefix}{sum(known == prefix for known, _ in self._names)}"
-            topic = f"NMEA {name}" if name in _INERTIAL or name == "PASHR" else f"NMEA {talker} HDT or THS"
+            topic = (
+                f"NMEA {name}"
+                if name in _INERTIAL or name == "PASHR"
+                else f"NMEA {talker} HDT or THS"
+            )
             self.about[self._names[key]] = {"topic": topic, **_ABOUT.get(name, {})}
         return self._names[key]

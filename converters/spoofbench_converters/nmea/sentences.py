@@ -1,8 +1,9 @@
-"""What each type of sentence says, as columns: NMEA 0183 4.11, u-blox, Garmin, VectorNav and Unicore interface descriptions.
+"""What each type of sentence says, as columns: NMEA 0183 4.11, u-blox, Garmin, VectorNav and
+Unicore interface descriptions.
 
-Of a value that several sentences may give, ``<name>_step`` is the resolution of the text in the unit of the
-value, so that the finest one can be chosen; infinite where absent. ``tod_ns`` is time of day, ``ABSENT_NS``
-where the sentence has none. Letters are characters, 0 where absent.
+Of a value that several sentences may give, ``<name>_step`` is the resolution of the text in the
+unit of the value, so that the finest one can be chosen; infinite where absent. ``tod_ns`` is time
+of day, ``ABSENT_NS`` where the sentence has none. Letters are characters, 0 where absent.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,7 +23,9 @@ _NO_DILUTION = 99.99
 
 
 class Reader:
-    """Sentences of one type: each method reads one of their fields and notes in ``readable`` where it is not what it should be."""
+    """Sentences of one type: each method reads one of their fields and notes in ``readable`` where
+    it is not what it should be.
+    """
 
     def __init__(self, fields: Fields) -> None:
         self._fields = fields
@@ -32,7 +35,11 @@ class Reader:
     def cells(self, field: int, where: Bools | None = None) -> Cells:
         """The field as it stands; absent where it is not asked for."""
         cells = self._fields.cells(field)
-        return cells if where is None else Cells(cells.octets, cells.begin, np.where(where, cells.length, 0))
+        return (
+            cells
+            if where is None
+            else Cells(cells.octets, cells.begin, np.where(where, cells.length, 0))
+        )
 
     def number(self, field: int, where: Bools | None = None) -> NDArray[np.float64]:
         """Values, NaN where absent."""
@@ -43,11 +50,15 @@ class Reader:
     def whole(self, field: int, where: Bools | None = None) -> Ints:
         """Counts and numbers of things, -1 where absent."""
         read = decimals(self.cells(field, where))
-        self.readable &= read.readable & (read.places == 0) & (read.mantissa >= 0) & (read.mantissa < 10_000)
+        self.readable &= (
+            read.readable & (read.places == 0) & (read.mantissa >= 0) & (read.mantissa < 10_000)
+        )
         return np.where(read.present & self.readable, read.mantissa, -1)
 
     def dilution(self, field: int) -> NDArray[np.float64]:
-        """A dilution of precision, NaN where absent or 99.99, which u-blox, MediaTek and others write without a solution."""
+        """A dilution of precision, NaN where absent or 99.99, which u-blox, MediaTek and others
+        write without a solution.
+        """
         values = self.number(field)
         values[values == _NO_DILUTION] = np.nan
         return values
@@ -57,7 +68,10 @@ class Reader:
         read = decimals(self.cells(field))
         self.readable &= read.readable
         values = read.floats()
-        return {name: values * unit, f"{name}_step": np.where(np.isnan(values), np.inf, unit * 10.0**-read.places)}
+        return {
+            name: values * unit,
+            f"{name}_step": np.where(np.isnan(values), np.inf, unit * 10.0**-read.places),
+        }
 
     def letter(self, field: int, allowed: str) -> NDArray[np.uint8]:
         """A field of one letter of those allowed."""
@@ -80,12 +94,18 @@ class Reader:
         return value
 
     def position(self, field: int) -> Columns:
-        """Latitude and longitude, NaN where either is absent, from ``ddmm.mmmm,N,dddmm.mmmm,E``; its step in minutes."""
+        """Latitude and longitude, NaN where either is absent, from ``ddmm.mmmm,N,dddmm.mmmm,E``;
+        its step in minutes.
+        """
         latitude, fine = self._angle(field, "NS", 90)
         longitude, finer = self._angle(field + 2, "EW", 180)
         absent = np.isnan(latitude) | np.isnan(longitude)
         step = np.where(absent, np.inf, 10.0 ** -np.minimum(fine, finer))
-        return {"lat_deg": np.where(absent, np.nan, latitude), "lon_deg": np.where(absent, np.nan, longitude), "lat_deg_step": step}
+        return {
+            "lat_deg": np.where(absent, np.nan, latitude),
+            "lon_deg": np.where(absent, np.nan, longitude),
+            "lat_deg_step": step,
+        }
 
     def _angle(self, field: int, sides: str, limit: int) -> tuple[NDArray[np.float64], Ints]:
         read = decimals(self.cells(field))
@@ -95,7 +115,9 @@ class Reader:
         value = (degrees * (60 * scale) + minutes) / (60 * scale)
         plausible = (read.mantissa >= 0) & (minutes <= 60 * scale) & (value <= limit) & (side != 0)
         self.readable &= read.readable & (~read.present | plausible)
-        return np.where(read.present, np.where(side == ord(sides[1]), -value, value), np.nan), read.places
+        return np.where(
+            read.present, np.where(side == ord(sides[1]), -value, value), np.nan
+        ), read.places
 
 
 def gga(read: Reader) -> Columns:
@@ -129,11 +151,18 @@ def rmc(read: Reader) -> Columns:
 
 def gll(read: Reader) -> Columns:
     """Position."""
-    return {**read.position(1), **read.time(5), "status": read.letter(6, "AV"), "mode": read.letter(7, "ADEFMNPRS")}
+    return {
+        **read.position(1),
+        **read.time(5),
+        "status": read.letter(6, "AV"),
+        "mode": read.letter(7, "ADEFMNPRS"),
+    }
 
 
 def gns(read: Reader) -> Columns:
-    """Fix data of several systems: the mode is the best of all systems' modes, in the order of ``_BEST``."""
+    """Fix data of several systems: the mode is the best of all systems' modes, in the order of
+    ``_BEST``.
+    """
     cells = read.cells(6)
     mode = np.zeros(cells.begin.size, np.uint8)
     rank = np.full(cells.begin.size, len(_BEST))
@@ -171,12 +200,22 @@ def zda(read: Reader) -> Columns:
 
 def gst(read: Reader) -> Columns:
     """Standard deviations of latitude, longitude and altitude."""
-    return {**read.time(1), "sigma_n_m": read.number(6), "sigma_e_m": read.number(7), "sigma_d_m": read.number(8)}
+    return {
+        **read.time(1),
+        "sigma_n_m": read.number(6),
+        "sigma_e_m": read.number(7),
+        "sigma_d_m": read.number(8),
+    }
 
 
 def gbs(read: Reader) -> Columns:
     """Expected errors of latitude, longitude and altitude."""
-    return {**read.time(1), "sigma_n_m": read.number(2), "sigma_e_m": read.number(3), "sigma_d_m": read.number(4)}
+    return {
+        **read.time(1),
+        "sigma_n_m": read.number(2),
+        "sigma_e_m": read.number(3),
+        "sigma_d_m": read.number(4),
+    }
 
 
 def vtg(read: Reader) -> Columns:
@@ -191,7 +230,9 @@ def vtg(read: Reader) -> Columns:
 def dtm(read: Reader) -> Columns:
     """Local datum: three letters of its code, packed."""
     cells = read.cells(1)
-    packed = (cells.at(0).astype(np.int64) << 16) | (cells.at(1).astype(np.int64) << 8) | cells.at(2)
+    packed = (
+        (cells.at(0).astype(np.int64) << 16) | (cells.at(1).astype(np.int64) << 8) | cells.at(2)
+    )
     read.readable &= cells.length <= 3
     return {"datum": packed}
 
@@ -223,7 +264,9 @@ def pubx00(read: Reader) -> Columns:
 
 
 def pubx04(read: Reader) -> Columns:
-    """u-blox time: the date counts unless the leap seconds are the firmware's default, marked D; clock bias in ns, drift in ns/s."""
+    """u-blox time: the date counts unless the leap seconds are the firmware's default, marked D;
+    clock bias in ns, drift in ns/s.
+    """
     leap = read.cells(6)
     default = np.zeros(leap.begin.size, bool)
     for place in range(1, 4):
@@ -249,13 +292,25 @@ def pashr(read: Reader) -> Columns:
 
 
 def vnymr(read: Reader) -> Columns:
-    """VectorNav attitude, magnetic field in gauss, specific force and angular rate, forward-right-down."""
-    angles = {name: read.number(field) for field, name in enumerate(("yaw_deg", "pitch_deg", "roll_deg"), 1)}
-    return {**angles, **_axes(read, "field_{}_ut", 4, GAUSS_UT), **_axes(read, "accel_{}_mps2", 7), **_axes(read, "gyro_{}_radps", 10)}
+    """VectorNav attitude, magnetic field in gauss, specific force and angular rate,
+    forward-right-down.
+    """
+    angles = {
+        name: read.number(field)
+        for field, name in enumerate(("yaw_deg", "pitch_deg", "roll_deg"), 1)
+    }
+    return {
+        **angles,
+        **_axes(read, "field_{}_ut", 4, GAUSS_UT),
+        **_axes(read, "accel_{}_mps2", 7),
+        **_axes(read, "gyro_{}_radps", 10),
+    }
 
 
 def vnimu(read: Reader) -> Columns:
-    """VectorNav uncompensated magnetic field in gauss, specific force, angular rate, temperature, and pressure in kPa."""
+    """VectorNav uncompensated magnetic field in gauss, specific force, angular rate, temperature,
+    and pressure in kPa.
+    """
     return {
         **_axes(read, "field_{}_ut", 1, GAUSS_UT),
         **_axes(read, "accel_{}_mps2", 4),
@@ -266,7 +321,9 @@ def vnimu(read: Reader) -> Columns:
 
 
 def gyoacc(read: Reader) -> Columns:
-    """Unicore inertial data with date and time; temperature and odometer are left out, for they may mean nothing without saying so."""
+    """Unicore inertial data with date and time; temperature and odometer are left out, for they may
+    mean nothing without saying so.
+    """
     columns = {**read.time(2), "date_ns": read.date(1)}
     return {**columns, **_axes(read, "gyro_{}_radps", 3), **_axes(read, "accel_{}_mps2", 7)}
 
@@ -278,10 +335,14 @@ def imuraw(read: Reader) -> Columns:
 
 
 def _axes(read: Reader, name: str, field: int, unit: float = 1.0) -> Columns:
-    return {name.format(axis): read.number(field + place) * unit for place, axis in enumerate("xyz")}
+    return {
+        name.format(axis): read.number(field + place) * unit for place, axis in enumerate("xyz")
+    }
 
 
 READERS: Mapping[str, Callable[[Reader], Columns]] = {
-    "GGA": gga, "RMC": rmc, "GLL": gll, "GNS": gns, "ZDA": zda, "GST": gst, "GBS": gbs, "VTG": vtg, "DTM": dtm, "HDT": hdt, "THS": hdt,
-    "PUBX00": pubx00, "PUBX04": pubx04, "PGRME": pgrme, "PASHR": pashr, "VNYMR": vnymr, "VNIMU": vnimu, "GYOACC": gyoacc, "IMURAW": imuraw,
+    "GGA": gga, "RMC": rmc, "GLL": gll, "GNS": gns, "ZDA": zda, "GST": gst, "GBS": gbs, "VTG": vtg,
+    "DTM": dtm, "HDT": hdt, "THS": hdt,
+    "PUBX00": pubx00, "PUBX04": pubx04, "PGRME": pgrme, "PASHR": pashr, "VNYMR": vnymr,
+    "VNIMU": vnimu, "GYOACC": gyoacc, "IMURAW": imuraw,
 }  # fmt: skip

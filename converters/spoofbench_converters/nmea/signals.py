@@ -18,7 +18,9 @@ _SVIDS = 1_024
 
 
 def rows(view: Columns, tables: Mapping[str, Columns]) -> dict[str, Any]:
-    """Return the columns of ``gnss/signal`` of satellites in view; the tables are those of the same receiver."""
+    """Return the columns of ``gnss/signal`` of satellites in view; the tables are those of the same
+    receiver.
+    """
     constellation, svid, signal = view["constellation"], view["svid"], view["signal"]
     used = np.where(view["used"] == UNKNOWN, _used(view, tables), view["used"])
     return {
@@ -32,7 +34,9 @@ def rows(view: Columns, tables: Mapping[str, Columns]) -> dict[str, Any]:
 
 
 def without_doubles(view: Columns) -> tuple[Columns, Ints]:
-    """Return satellites without a signal's second row in an epoch, and the sentences of which nothing is left."""
+    """Return satellites without a signal's second row in an epoch, and the sentences of which
+    nothing is left.
+    """
     key = (_key(view["epoch"], view) << 8) | (view["signal"] + 1)
     order = np.argsort(key, kind="stable")
     double = np.zeros(key.size, bool)
@@ -58,7 +62,9 @@ def _key(epoch: Ints, table: Columns) -> Ints:
 
 
 def _used(view: Columns, tables: Mapping[str, Columns]) -> Ints:
-    """Whether GSA sentences of the epoch list the satellite: no where they cover its system and had room for more."""
+    """Whether GSA sentences of the epoch list the satellite: no where they cover its system and had
+    room for more.
+    """
     used = np.full(view["epoch"].size, UNKNOWN)
     if "GSA" not in tables:
         return used
@@ -73,7 +79,9 @@ def _used(view: Columns, tables: Mapping[str, Columns]) -> Ints:
 
 def _said(view: Columns, sentences: Columns, which: Bools) -> Bools:
     """Which satellites these GSA sentences are about; one that names no system is about all."""
-    about = np.zeros(16 * (int(max(view["epoch"].max(initial=0), sentences["epoch"].max(initial=0))) + 1), bool)
+    about = np.zeros(
+        16 * (int(max(view["epoch"].max(initial=0), sentences["epoch"].max(initial=0))) + 1), bool
+    )
     about[sentences["epoch"][which] * 16 + sentences["covers"][which]] = True
     return np.asarray(about[view["epoch"] * 16 + view["constellation"]] | about[view["epoch"] * 16])
 
@@ -86,7 +94,9 @@ def _among(keys: Ints, known: Ints) -> Bools:
 
 
 def _residuals(view: Columns, tables: Mapping[str, Columns]) -> NDArray[np.float32]:
-    """Residuals of GRS: the nth of a sentence is of the nth satellite in the GSA of the same system, or of the same place."""
+    """Residuals of GRS: the nth of a sentence is of the nth satellite in the GSA of the same
+    system, or of the same place.
+    """
     residuals = np.full(view["epoch"].size, np.nan, np.float32)
     if RESIDUAL not in tables or USE not in tables:
         return residuals
@@ -112,7 +122,9 @@ def _residuals(view: Columns, tables: Mapping[str, Columns]) -> NDArray[np.float
 
 
 def _sentence_keys(table: Columns) -> Ints:
-    """A number that is the same for the GSA and the GRS of one epoch and system; without a system, of the same place among them."""
+    """A number that is the same for the GSA and the GRS of one epoch and system; without a system,
+    of the same place among them.
+    """
     epoch = table["epoch"]
     place = np.arange(epoch.size) - np.searchsorted(epoch, epoch, "left")
     return epoch * 64 + np.where(table["covers"] > 0, table["covers"], 16 + np.minimum(place, 47))

@@ -1,9 +1,10 @@
 """The solution of each epoch of a receiver, from all its sentences.
 
-Position, speed, course and heights count only where their sentence says that they are valid; where it has no word of
-its own (VTG of old, GST) the other sentences of the epoch decide. Where several give a value, the finest text
-counts, and of equally fine ones the first in the order in which they are named here. A fix with a height and without a
-dimension is 3D, one whose sentence leaves the height empty 2D; where no sentence has a height its type is absent.
+Position, speed, course and heights count only where their sentence says that they are valid; where
+it has no word of its own (VTG of old, GST) the other sentences of the epoch decide. Where several
+give a value, the finest text counts, and of equally fine ones the first in the order in which they
+are named here. A fix with a height and without a dimension is 3D, one whose sentence leaves the
+height empty 2D; where no sentence has a height its type is absent.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +22,19 @@ from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS
 
 Floats = NDArray[np.float64]
 
-ONE_PER_EPOCH = ("GGA", "RMC", "GNS", "GLL", "PUBX00", "VTG", "GST", "GBS", "PGRME", "ZDA", "PUBX04")
+ONE_PER_EPOCH = (
+    "GGA",
+    "RMC",
+    "GNS",
+    "GLL",
+    "PUBX00",
+    "VTG",
+    "GST",
+    "GBS",
+    "PGRME",
+    "ZDA",
+    "PUBX04",
+)
 _POSITIONS = ("GGA", "GNS", "PUBX00", "RMC", "GLL")
 _TIMES = ("RMC", "GGA", "GNS", "GLL", "PUBX00", "GST", "GBS", "GRS", "ZDA", "PUBX04")
 _DATES = ("RMC", "ZDA", "PUBX04")
@@ -39,16 +52,21 @@ _OF_QUALITY = {
     9: enums.FIX_TYPE_DIFFERENTIAL,
 }
 _OF_MODE = {
-    "D": enums.FIX_TYPE_DIFFERENTIAL, "R": enums.FIX_TYPE_RTK_FIXED, "F": enums.FIX_TYPE_RTK_FLOAT, "E": enums.FIX_TYPE_DEAD_RECKONING,
+    "D": enums.FIX_TYPE_DIFFERENTIAL, "R": enums.FIX_TYPE_RTK_FIXED, "F": enums.FIX_TYPE_RTK_FLOAT,
+    "E": enums.FIX_TYPE_DEAD_RECKONING,
     "S": enums.FIX_TYPE_SIMULATED, "M": enums.FIX_TYPE_UNSPECIFIED,
 }  # fmt: skip
 _OF_STATUS = {
-    "NF": enums.FIX_TYPE_NONE, "DR": enums.FIX_TYPE_DEAD_RECKONING, "G2": enums.FIX_TYPE_2D, "G3": enums.FIX_TYPE_3D,
-    "D2": enums.FIX_TYPE_DIFFERENTIAL, "D3": enums.FIX_TYPE_DIFFERENTIAL, "RK": enums.FIX_TYPE_GNSS_DEAD_RECKONING,
+    "NF": enums.FIX_TYPE_NONE, "DR": enums.FIX_TYPE_DEAD_RECKONING, "G2": enums.FIX_TYPE_2D,
+    "G3": enums.FIX_TYPE_3D,
+    "D2": enums.FIX_TYPE_DIFFERENTIAL, "D3": enums.FIX_TYPE_DIFFERENTIAL,
+    "RK": enums.FIX_TYPE_GNSS_DEAD_RECKONING,
     "TT": enums.FIX_TYPE_TIME_ONLY,
 }  # fmt: skip
-_TELLS: Mapping[str, tuple[str, Mapping[int, int] | Mapping[str, int]]] = {  # later ones have the last word
-    "VTG": ("mode", _OF_MODE), "GLL": ("mode", _OF_MODE), "RMC": ("mode", _OF_MODE), "GNS": ("mode", _OF_MODE),
+# later ones have the last word
+_TELLS: Mapping[str, tuple[str, Mapping[int, int] | Mapping[str, int]]] = {
+    "VTG": ("mode", _OF_MODE), "GLL": ("mode", _OF_MODE), "RMC": ("mode", _OF_MODE),
+    "GNS": ("mode", _OF_MODE),
     "GGA": ("quality", _OF_QUALITY), "PUBX00": ("nav_status", _OF_STATUS),
 }  # fmt: skip
 
@@ -56,9 +74,8 @@ _TELLS: Mapping[str, tuple[str, Mapping[int, int] | Mapping[str, int]]] = {  # l
 class Solution:
     """The epochs of one receiver.
 
-    Args:
-        count: how many epochs there are.
-        tables: by type, what its sentences say, with the ``epoch`` of each; of those in ``ONE_PER_EPOCH`` one per epoch.
+    Args: count: how many epochs there are. tables: by type, what its sentences say, with the
+        ``epoch`` of each; of those in ``ONE_PER_EPOCH`` one per epoch.
     """
 
     def __init__(self, count: int, tables: Mapping[str, Columns]) -> None:
@@ -74,14 +91,25 @@ class Solution:
 
     def rows(self) -> dict[str, NDArray[Any] | Column]:
         """Return the columns of ``gnss/pvt``, ``(count,)``."""
-        columns = {name: self._finest(name, "lat_deg_step", _POSITIONS) for name in ("lat_deg", "lon_deg")}
-        columns |= {name: self._finest(name, f"{name}_step", sentences) for name, sentences in _GRADED.items()}
+        columns = {
+            name: self._finest(name, "lat_deg_step", _POSITIONS) for name in ("lat_deg", "lon_deg")
+        }
+        columns |= {
+            name: self._finest(name, f"{name}_step", sentences)
+            for name, sentences in _GRADED.items()
+        }
         columns |= {name: self._first(name, sentences) for name, sentences in _FIRST.items()}
         separation = self._finest("separation_m", "separation_m_step", ("GGA", "GNS"))
-        columns["height_m"] = np.where(np.isnan(columns["height_m"]), _sum(columns["height_msl_m"], separation), columns["height_m"])
+        columns["height_m"] = np.where(
+            np.isnan(columns["height_m"]),
+            _sum(columns["height_msl_m"], separation),
+            columns["height_m"],
+        )
         columns |= self._accuracies()
         satellites = self._counted("num_sv", ("GNS", "PUBX00", "GGA"))
-        fix_type = self._fix_type(~np.isnan(columns["height_msl_m"]) | ~np.isnan(columns["height_m"]))
+        fix_type = self._fix_type(
+            ~np.isnan(columns["height_msl_m"]) | ~np.isnan(columns["height_m"])
+        )
         return {
             **columns,
             "num_sv": Column(np.maximum(satellites, 0).astype(np.uint32), satellites >= 0),
@@ -90,11 +118,15 @@ class Solution:
         }
 
     def claimed(self) -> tuple[Ints, Ints]:
-        """Return UTC as claimed and its period, ``(count,)``, as :class:`spoofbench_converters.stream.contract.Epochs` wants them."""
+        """Return UTC as claimed and its period, ``(count,)``, as
+        :class:`spoofbench_converters.stream.contract.Epochs` wants them.
+        """
         tod_ns = self._time_of_day()
         dated = self._dated(tod_ns)
         complete = dated != ABSENT_NS
-        return np.where(complete, dated, tod_ns), np.where(complete | (tod_ns == ABSENT_NS), 0, DAY_NS)
+        return np.where(complete, dated, tod_ns), np.where(
+            complete | (tod_ns == ABSENT_NS), 0, DAY_NS
+        )
 
     def _time_of_day(self) -> Ints:
         """The time with most decimals."""
@@ -107,12 +139,19 @@ class Solution:
         return tod_ns
 
     def _dated(self, tod_ns: Ints) -> Ints:
-        """The time of day with the date of the epoch, which is that of its own sentence's time; ``ABSENT_NS`` without a valid one."""
+        """The time of day with the date of the epoch, which is that of its own sentence's time;
+        ``ABSENT_NS`` without a valid one.
+        """
         dated = np.full(self.count, ABSENT_NS)
         for name in self._present(_DATES):
             table = self._tables[name]
             epoch = table["epoch"]
-            usable = self._usable(name) & (table["date_ns"] != ABSENT_NS) & (table["tod_ns"] != ABSENT_NS) & (dated[epoch] == ABSENT_NS)
+            usable = (
+                self._usable(name)
+                & (table["date_ns"] != ABSENT_NS)
+                & (table["tod_ns"] != ABSENT_NS)
+                & (dated[epoch] == ABSENT_NS)
+            )
             epoch, date_ns, own = epoch[usable], table["date_ns"][usable], table["tod_ns"][usable]
             dated[epoch] = date_ns + own + utc.nearest_turn(tod_ns[epoch] - own)
         return dated
@@ -131,9 +170,15 @@ class Solution:
         }
 
     def _accuracies(self) -> dict[str, Floats]:
-        """Accuracies as given, else from standard deviations by axis; these are also the diagonal of the covariance."""
-        north, east, down = (self._first(name, ("GST", "GBS")) for name in ("sigma_n_m", "sigma_e_m", "sigma_d_m"))
-        horizontal, vertical = (self._first(name, ("PUBX00", "PGRME")) for name in ("h_acc_m", "v_acc_m"))
+        """Accuracies as given, else from standard deviations by axis; these are also the diagonal
+        of the covariance.
+        """
+        north, east, down = (
+            self._first(name, ("GST", "GBS")) for name in ("sigma_n_m", "sigma_e_m", "sigma_d_m")
+        )
+        horizontal, vertical = (
+            self._first(name, ("PUBX00", "PGRME")) for name in ("h_acc_m", "v_acc_m")
+        )
         return {
             "h_acc_m": np.where(np.isnan(horizontal), np.hypot(north, east), horizontal),
             "v_acc_m": np.where(np.isnan(vertical), down, vertical),
@@ -148,8 +193,16 @@ class Solution:
         for name in self._present(("GGA", "GNS", "PUBX00")):
             flat[self._tables[name]["epoch"]] = enums.FIX_TYPE_2D
         plain = np.where(has_height, enums.FIX_TYPE_3D, flat)
-        plain = np.where(dimension == 2, enums.FIX_TYPE_2D, np.where(dimension == 3, enums.FIX_TYPE_3D, plain))
-        fix = np.where(self._fix, plain, np.where(self.invalid | (dimension == 1), enums.FIX_TYPE_NONE, enums.FIX_TYPE_UNSPECIFIED))
+        plain = np.where(
+            dimension == 2, enums.FIX_TYPE_2D, np.where(dimension == 3, enums.FIX_TYPE_3D, plain)
+        )
+        fix = np.where(
+            self._fix,
+            plain,
+            np.where(
+                self.invalid | (dimension == 1), enums.FIX_TYPE_NONE, enums.FIX_TYPE_UNSPECIFIED
+            ),
+        )
         for name in self._present(tuple(_TELLS)):
             table = self._tables[name]
             column, meaning = _TELLS[name]
@@ -183,7 +236,9 @@ class Solution:
         values = np.full(self.count, -1)
         for name in self._present(names):
             table = self._tables[name]
-            rows = np.flatnonzero((table[column] >= 0) & (values[table["epoch"]] < 0))[::-1]  # of several in an epoch the first stays
+            rows = np.flatnonzero((table[column] >= 0) & (values[table["epoch"]] < 0))[
+                ::-1
+            ]  # of several in an epoch the first stays
             values[table["epoch"][rows]] = table[column][rows]
         return values
 
@@ -218,7 +273,13 @@ _WHATEVER_FIX = frozenset(("hdop", "vdop", "pdop"))
 def _status_valid(table: Columns) -> Bools:
     """Whether RMC and GLL are valid: by the status, without one by the mode."""
     by_mode = (table["mode"] != 0) & (table["mode"] != ord("N"))
-    return np.asarray(np.where(table["status"] == 0, by_mode, (table["status"] == ord("A")) & (table["mode"] != ord("N"))))
+    return np.asarray(
+        np.where(
+            table["status"] == 0,
+            by_mode,
+            (table["status"] == ord("A")) & (table["mode"] != ord("N")),
+        )
+    )
 
 
 _VALID: Mapping[str, Callable[[Columns], Bools]] = {
@@ -226,7 +287,9 @@ _VALID: Mapping[str, Callable[[Columns], Bools]] = {
     "RMC": _status_valid,
     "GLL": _status_valid,
     "GNS": lambda table: (table["mode"] != 0) & ~one_of(table["mode"], "N"),
-    "PUBX00": lambda table: ~np.isin(table["nav_status"], [0, *(ord(a) << 8 | ord(b) for a, b in ("NF", "TT"))]),
+    "PUBX00": lambda table: (
+        ~np.isin(table["nav_status"], [0, *(ord(a) << 8 | ord(b) for a, b in ("NF", "TT"))])
+    ),
 }
 
 
@@ -240,5 +303,7 @@ def _look_up(values: NDArray[np.generic], meaning: Mapping[int, int] | Mapping[s
 
 
 def _sum(height: Floats, separation: Floats) -> Floats:
-    """Height above the ellipsoid, to the resolution of a tenth of a micrometre that sums of decimals keep."""
+    """Height above the ellipsoid, to the resolution of a tenth of a micrometre that sums of
+    decimals keep.
+    """
     return np.round(height + separation, 7)

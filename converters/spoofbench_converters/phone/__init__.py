@@ -1,6 +1,7 @@
 """Converter of the logs of phone apps.
 
-GnssLogger and GPSTest, Sensor Logger, SensorLog, phyphox, and the tables of the Smartphone Decimeter Challenge.
+GnssLogger and GPSTest, Sensor Logger, SensorLog, phyphox, and the tables of the Smartphone
+Decimeter Challenge.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,9 +23,11 @@ _FORMATS = (*_OF_FOLDERS, gnsslogger, sensorlog)
 
 
 def sniff(source: Source) -> float:
-    """Return how sure it is that a log is of one of the apps: a file, a zip archive with a file of theirs, or a folder of one recording.
+    """Return how sure it is that a log is of one of the apps: a file, a zip archive with a file of
+    theirs, or a folder of one recording.
 
-    A folder is one recording where the tables lie in it itself, not below it, and no two say the same; others are to be walked.
+    A folder is one recording where the tables lie in it itself, not below it, and no two say the
+    same; others are to be walked.
     """
     try:
         parts = text_parts(parts_of(source))
@@ -49,7 +52,10 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
     text = text_parts(parts)
     best = max(_FORMATS, key=lambda form: form.sniff(text))
     if not best.sniff(text):
-        raise ConversionError(f"{source.path.name!r} is of no phone app that is known: GnssLogger, Sensor Logger, SensorLog, phyphox, GSDC")
+        raise ConversionError(
+            f"{source.path.name!r} is of no phone app that is known: GnssLogger, Sensor Logger, "
+            "SensorLog, phyphox, GSDC"
+        )
     if parts[0].name:
         parts = laid_out(parts)
         yield Extent(sum(part.size for part in parts))

@@ -1,7 +1,8 @@
 """Android's raw GNSS measurements: satellites and signals, pseudoranges, clocks.
 
-Sources: Android API reference, ``GnssMeasurement``, ``GnssClock`` and ``GnssStatus``; European GNSS Agency, *Using
-GNSS Raw Measurements on Android Devices*, 2017, sections 2.3 and 2.4; RINEX 3.05, tables 4 to 10.
+Sources: Android API reference, ``GnssMeasurement``, ``GnssClock`` and ``GnssStatus``; European GNSS
+Agency, *Using GNSS Raw Measurements on Android Devices*, 2017, sections 2.3 and 2.4; RINEX 3.05,
+tables 4 to 10.
 """
 
 from typing import NamedTuple
@@ -20,7 +21,14 @@ SPEED_OF_LIGHT_MPS = 299_792_458.0
 _GPS, _SBAS, _GLONASS, _QZSS, _BEIDOU, _GALILEO, _NAVIC = range(1, 8)
 SCHEMA_CONSTELLATION = np.array([0, 1, 2, 7, 6, 4, 3, 8], np.int32)
 
-_TOW_DECODED, _MSEC_AMBIGUOUS, _TOD_DECODED, _E1C_SECONDARY, _TOW_KNOWN, _TOD_KNOWN = 8, 16, 128, 2048, 16384, 32768
+_TOW_DECODED, _MSEC_AMBIGUOUS, _TOD_DECODED, _E1C_SECONDARY, _TOW_KNOWN, _TOD_KNOWN = (
+    8,
+    16,
+    128,
+    2048,
+    16384,
+    32768,
+)
 _ADR_VALID = 1
 _BEIDOU_LAG_NS = 14_000_000_000  # BeiDou time began 14 leap seconds after GPS time
 _GLONASS_LEAD_NS = 3 * 3_600_000_000_000  # GLONASS time is that of Moscow
@@ -28,13 +36,19 @@ _E1C_PERIOD_NS = 100_000_000
 _LONGEST_FLIGHT_NS = 300_000_000
 _UNKNOWN_ABOVE = 1e30  # some phones write the largest float for an unknown uncertainty
 
-# Nominal carrier in MHz, RINEX band, its attribute where phones track only one code there, name of the front-end band.
-# The first of each constellation is the one that Android means where a measurement names no frequency.
+# Nominal carrier in MHz, RINEX band, its attribute where phones track only one code there, name of
+# the front-end band. The first of each constellation is the one that Android means where a
+# measurement names no frequency.
 _BANDS: dict[int, tuple[tuple[float, int, str, str], ...]] = {
     _GPS: ((1575.42, 1, "C", "L1"), (1227.6, 2, "", "L2"), (1176.45, 5, "", "L5")),
     _SBAS: ((1575.42, 1, "C", "L1"), (1176.45, 5, "", "L5")),
     _GLONASS: ((1602.0, 1, "C", "G1"), (1246.0, 2, "", "G2"), (1202.025, 3, "", "G3")),
-    _QZSS: ((1575.42, 1, "C", "L1"), (1227.6, 2, "", "L2"), (1176.45, 5, "", "L5"), (1278.75, 6, "", "L6")),
+    _QZSS: (
+        (1575.42, 1, "C", "L1"),
+        (1227.6, 2, "", "L2"),
+        (1176.45, 5, "", "L5"),
+        (1278.75, 6, "", "L6"),
+    ),
     _BEIDOU: (
         (1561.098, 2, "I", "B1"),
         (1575.42, 1, "", "L1"),
@@ -42,7 +56,12 @@ _BANDS: dict[int, tuple[tuple[float, int, str, str], ...]] = {
         (1207.14, 7, "", "E5b"),
         (1268.52, 6, "", "B3"),
     ),
-    _GALILEO: ((1575.42, 1, "", "L1"), (1176.45, 5, "", "L5"), (1207.14, 7, "", "E5b"), (1278.75, 6, "", "L6")),
+    _GALILEO: (
+        (1575.42, 1, "", "L1"),
+        (1176.45, 5, "", "L5"),
+        (1207.14, 7, "", "E5b"),
+        (1278.75, 6, "", "L6"),
+    ),
     _NAVIC: ((1176.45, 5, "", "L5"), (2492.028, 9, "", "S"), (1575.42, 1, "", "L1")),
 }
 _TOLERANCE_MHZ = 5.0  # the channels of GLONASS lie up to 4 MHz from its carrier
@@ -78,8 +97,9 @@ class Satellites(NamedTuple):
 def satellites(sheet: Sheet) -> Satellites:
     """Read which satellites and signals the rows are of.
 
-    A signal is RINEX band and attribute. Where the log names no code, GPS, SBAS, QZSS and GLONASS L1 are taken as C/A and BeiDou
-    B1 as 2I, which is what phones track there; elsewhere the band stands alone.
+    A signal is RINEX band and attribute. Where the log names no code, GPS, SBAS, QZSS and GLONASS
+    L1 are taken as C/A and BeiDou B1 as 2I, which is what phones track there; elsewhere the band
+    stands alone.
     """
     number, present = sheet.exact(("ConstellationType",))
     android = np.where(present & (number > 0) & (number < SCHEMA_CONSTELLATION.size), number, 0)
@@ -106,7 +126,9 @@ def satellites(sheet: Sheet) -> Satellites:
 
 
 def within_constellation(android: NDArray[np.int64], svid: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return satellites' numbers within their constellations: QZSS is numbered from 193, by its L1S signal from 183 (RINEX 3.05, 3.5)."""
+    """Return satellites' numbers within their constellations: QZSS is numbered from 193, by its L1S
+    signal from 183 (RINEX 3.05, 3.5).
+    """
     first = np.where(svid > 192, 192, np.where(svid > 182, 182, 0))
     return svid - np.where(android == _QZSS, first, 0)
 
@@ -115,10 +137,20 @@ def _signals(
     android: NDArray[np.int64], given_hz: NDArray[np.float64], codes: NDArray[np.bytes_]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]:
     """Return carrier frequencies, front-end bands and RINEX signals, as codes."""
-    carrier, band, signal = given_hz.copy(), np.full(android.size, -1, np.int32), np.full(android.size, -1, np.int32)
-    letter = codes.astype("S2").view(np.uint8).reshape(-1, 2) if android.size else np.zeros((0, 2), np.uint8)
+    carrier, band, signal = (
+        given_hz.copy(),
+        np.full(android.size, -1, np.int32),
+        np.full(android.size, -1, np.int32),
+    )
+    letter = (
+        codes.astype("S2").view(np.uint8).reshape(-1, 2)
+        if android.size
+        else np.zeros((0, 2), np.uint8)
+    )
     attribute = np.where(
-        (letter[:, 1] == 0) & (letter[:, 0] >= ord("A")) & (letter[:, 0] <= ord("Z")), letter[:, 0].astype(np.int32) - 64, 0
+        (letter[:, 1] == 0) & (letter[:, 0] >= ord("A")) & (letter[:, 0] <= ord("Z")),
+        letter[:, 0].astype(np.int32) - 64,
+        0,
     )
     for constellation, bands in _BANDS.items():
         mine = android == constellation
@@ -139,7 +171,9 @@ def _signals(
 def _slots(
     android: NDArray[np.int64], given_hz: NDArray[np.float64], svid: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the frequency slots of GLONASS, from the carrier, or where Android has only them instead of the satellite."""
+    """Return the frequency slots of GLONASS, from the carrier, or where Android has only them
+    instead of the satellite.
+    """
     first = np.rint((given_hz - 1602e6) / 562_500)
     second = np.rint((given_hz - 1246e6) / 437_500)
     slot = np.where(np.abs(first) <= 7, first, np.where(np.abs(second) <= 7, second, np.nan))
@@ -151,7 +185,9 @@ def _slots(
 class Times(NamedTuple):
     """The receiver's clock at n measurements."""
 
-    gps_ns: NDArray[np.int64]  # time that the receiver claims, since the GPS epoch, whole nanoseconds
+    gps_ns: NDArray[
+        np.int64
+    ]  # time that the receiver claims, since the GPS epoch, whole nanoseconds
     rest_ns: NDArray[np.float64]  # to be added to it
     leap_s: NDArray[np.int64]
     known: NDArray[np.bool_]  # whether the receiver claims a time
@@ -162,7 +198,9 @@ class Times(NamedTuple):
 
 
 def receiver_times(sheet: Sheet) -> Times:
-    """Read the time that the receiver claims: its hardware clock minus that clock's bias, as the row states it."""
+    """Read the time that the receiver claims: its hardware clock minus that clock's bias, as the
+    row states it.
+    """
     clock, has_clock = sheet.exact(("TimeNanos",))
     bias, has_bias = sheet.exact(("FullBiasNanos",))
     leap, has_leap = sheet.exact(("LeapSecond",))
@@ -171,7 +209,9 @@ def receiver_times(sheet: Sheet) -> Times:
         gps = np.where(known, clock - bias, 0)
     known &= (gps > 0) & (gps < 2**62)
     rest = np.nan_to_num(sheet.floats("TimeOffsetNanos")) - np.nan_to_num(sheet.floats("BiasNanos"))
-    return Times(np.where(known, gps, 0), rest, np.where(has_leap, leap, leap_seconds_at_gps(gps)), known)
+    return Times(
+        np.where(known, gps, 0), rest, np.where(has_leap, leap, leap_seconds_at_gps(gps)), known
+    )
 
 
 def week_and_tow(gps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -183,20 +223,25 @@ def observations(sheet: Sheet, seen: Satellites, times: Times) -> Columns:
     """Read the measurements.
 
     The pseudorange is the speed of light times the claimed time of reception minus the time of
-    transmission, where the tracking state says that the latter is known without ambiguity, or what the log
-    itself says. It holds the receiver's clock error as far as the row's own bias does not.
+    transmission, where the tracking state says that the latter is known without ambiguity, or what
+    the log itself says. It holds the receiver's clock error as far as the row's own bias does not.
     """
     wavelength = SPEED_OF_LIGHT_MPS / seen.carrier_hz
     adr_state, has_adr = sheet.exact(("AccumulatedDeltaRangeState",))
     valid = has_adr & ((adr_state & _ADR_VALID) != 0)
-    adr, adr_std = sheet.floats("AccumulatedDeltaRangeMeters"), _known(sheet.floats("AccumulatedDeltaRangeUncertaintyMeters"))
+    adr, adr_std = (
+        sheet.floats("AccumulatedDeltaRangeMeters"),
+        _known(sheet.floats("AccumulatedDeltaRangeUncertaintyMeters")),
+    )
     range_rate_std = _known(sheet.floats("PseudorangeRateUncertaintyMetersPerSecond"))
     pseudorange = _pseudoranges(sheet, seen, times)
     received_std = _known(sheet.floats("ReceivedSvTimeUncertaintyNanos"))
     return {
         **seen.columns,
         "pseudorange_m": pseudorange,
-        "pseudorange_std_m": np.where(np.isnan(pseudorange), np.nan, received_std * (SPEED_OF_LIGHT_MPS * 1e-9)),
+        "pseudorange_std_m": np.where(
+            np.isnan(pseudorange), np.nan, received_std * (SPEED_OF_LIGHT_MPS * 1e-9)
+        ),
         "carrier_cycles": np.where(valid, adr / wavelength, np.nan),
         "carrier_std_cycles": np.where(valid, adr_std / wavelength, np.nan),
         "doppler_hz": -sheet.floats("PseudorangeRateMetersPerSecond") / wavelength,
@@ -206,7 +251,9 @@ def observations(sheet: Sheet, seen: Satellites, times: Times) -> Columns:
 
 
 def _pseudoranges(sheet: Sheet, seen: Satellites, times: Times) -> NDArray[np.float64]:
-    """Pseudoranges in metres, NaN where ambiguous or beyond 0.3 s of flight: section 2.4 of the agency's paper."""
+    """Pseudoranges in metres, NaN where ambiguous or beyond 0.3 s of flight: section 2.4 of the
+    agency's paper.
+    """
     state, has_state = sheet.exact(("State",))
     sent, has_sent = sheet.exact(("ReceivedSvTimeNanos",))
     glonass, galileo = seen.android == _GLONASS, seen.android == _GALILEO
@@ -218,8 +265,12 @@ def _pseudoranges(sheet: Sheet, seen: Satellites, times: Times) -> NDArray[np.fl
     period = np.where(glonass, DAY_NS, np.where(secondary, _E1C_PERIOD_NS, WEEK_NS))
     flight = (system - sent) % period
     flight = np.where((flight > period // 2) & ~secondary, flight - period, flight)
-    usable = has_state & has_sent & times.known & (seen.android > 0) & ((state & _MSEC_AMBIGUOUS) == 0)
-    usable &= np.where(glonass, day, week | secondary) & (flight > 0) & (flight < _LONGEST_FLIGHT_NS)
+    usable = (
+        has_state & has_sent & times.known & (seen.android > 0) & ((state & _MSEC_AMBIGUOUS) == 0)
+    )
+    usable &= (
+        np.where(glonass, day, week | secondary) & (flight > 0) & (flight < _LONGEST_FLIGHT_NS)
+    )
     computed = np.where(usable, (flight + times.rest_ns) * (SPEED_OF_LIGHT_MPS * 1e-9), np.nan)
     logged = sheet.floats("RawPseudorangeMeters")
     return np.where(np.isnan(logged), computed, logged)

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEP_NS = 100_000_000
-JUMP_NS = 10_000_000_000  # sensors that are handed over in batches stand up to this behind each other
+JUMP_NS = (
+    10_000_000_000  # sensors that are handed over in batches stand up to this behind each other
+)
 MOST_STEPS = 1000
 PAIRS = 100
 
@@ -40,7 +42,9 @@ class Axis:
 
     @classmethod
     def of(cls, sensors: Pairs, fixes: Pairs, raw: Pairs) -> "Axis":
-        """Lay the axis by the first rows that have both clocks: the sensors', else the fixes', else the raw measurements'."""
+        """Lay the axis by the first rows that have both clocks: the sensors', else the fixes', else
+        the raw measurements'.
+        """
         named = {
             "median of the first sensor rows' utcTimeMillis minus elapsedRealtimeNanos": sensors,
             "median of the first GPS fixes' UnixTimeMillis minus elapsedRealtimeNanos": fixes,
@@ -54,7 +58,9 @@ class Axis:
                 return cls(offset, basis, shift or 0)
         return cls()
 
-    def times(self, offsets: NDArray[np.int64], elapsed: Stamps, claimed: Stamps, shift: bool = False) -> Stamps:
+    def times(
+        self, offsets: NDArray[np.int64], elapsed: Stamps, claimed: Stamps, shift: bool = False
+    ) -> Stamps:
         """Return the times of rows, and which have one.
 
         Args:
@@ -65,7 +71,9 @@ class Axis:
         """
         has = elapsed[1] & (elapsed[0] > 0) & (self.offset_ns is not None)
         own = claimed[1] & (claimed[0] > 0)
-        times = np.where(has, elapsed[0] + (self.offset_ns or 0), claimed[0] + (self.shift_ns if shift else 0))
+        times = np.where(
+            has, elapsed[0] + (self.offset_ns or 0), claimed[0] + (self.shift_ns if shift else 0)
+        )
         if self.jumps:
             places = np.array([offset for offset, _ in self.jumps])
             shifts = np.array([0, *(shift_ns for _, shift_ns in self.jumps)])
@@ -73,7 +81,8 @@ class Axis:
         return times, has | own
 
     def append(self, offsets: NDArray[np.int64], times_ns: NDArray[np.int64]) -> None:
-        """Let rows after a jump back of the clock follow those before it, after their median interval.
+        """Let rows after a jump back of the clock follow those before it, after their median
+        interval.
 
         Args:
             offsets: where the rows that tell the time lie, in the order of the log.
@@ -110,23 +119,39 @@ class Steps:
     steps: list[dict[str, int]] = field(default_factory=list)
     _last_ns: int | None = None
 
-    def watch(self, offsets: NDArray[np.int64], logged_ns: NDArray[np.int64], axis_ns: NDArray[np.int64]) -> None:
-        """Take rows in the order of the file: where they lie, the time they log, and their time on the axis."""
+    def watch(
+        self, offsets: NDArray[np.int64], logged_ns: NDArray[np.int64], axis_ns: NDArray[np.int64]
+    ) -> None:
+        """Take rows in the order of the file: where they lie, the time they log, and their time on
+        the axis.
+        """
         if not offsets.size:
             return
         stray = logged_ns - axis_ns
         self.low_ns = min(int(stray.min()), stray[0] if self.low_ns is None else self.low_ns)
         self.high_ns = max(int(stray.max()), stray[0] if self.high_ns is None else self.high_ns)
-        before = np.concatenate([[stray[0] if self._last_ns is None else self._last_ns], stray[:-1]])
+        before = np.concatenate(
+            [[stray[0] if self._last_ns is None else self._last_ns], stray[:-1]]
+        )
         self._last_ns = int(stray[-1])
         places = np.flatnonzero(np.abs(stray - before) > STEP_NS)
         self.count += places.size
         for place in places[: MOST_STEPS - len(self.steps)].tolist():
             logged, step = int(logged_ns[place]), int(stray[place] - before[place])
-            self.steps.append({"offset": int(offsets[place]), "from_ns": logged - step, "to_ns": logged})
+            self.steps.append(
+                {"offset": int(offsets[place]), "from_ns": logged - step, "to_ns": logged}
+            )
 
     def about(self) -> Mapping[str, str]:
         """Return the recording's metadata on it."""
-        spread = {} if self.low_ns is None or self.high_ns is None else {"clock_spread_ns": str(int(self.high_ns - self.low_ns))}
-        steps = {"clock_steps": json.dumps(self.steps), "clock_step_count": str(self.count)} if self.count else {}
+        spread = (
+            {}
+            if self.low_ns is None or self.high_ns is None
+            else {"clock_spread_ns": str(int(self.high_ns - self.low_ns))}
+        )
+        steps = (
+            {"clock_steps": json.dumps(self.steps), "clock_step_count": str(self.count)}
+            if self.count
+            else {}
+        )
         return {**spread, **steps}

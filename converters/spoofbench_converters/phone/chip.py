@@ -1,4 +1,6 @@
-"""The GNSS chip of an Android phone: raw measurements, its clock, gain control, satellites in view, navigation messages."""
+"""The GNSS chip of an Android phone: raw measurements, its clock, gain control, satellites in view,
+navigation messages.
+"""
 
 from collections.abc import Iterator, Mapping
 
@@ -19,7 +21,8 @@ _MOST_PER_EPOCH = 10_000
 _SIGNAL = ("constellation", "svid", "signal", "cn0_dbhz", "elevation_deg", "azimuth_deg", "used")
 _WORDS = {"signal": android.SIGNALS}
 
-# Types of GnssNavigationMessage: the first byte is the constellation; the RINEX signal by the whole.
+# Types of GnssNavigationMessage: the first byte is the constellation; the RINEX signal by the
+# whole.
 _MESSAGE_SIGNALS = {
     0x0101: "1C",
     0x0102: "2",
@@ -51,7 +54,9 @@ class Chip:
         self._clock = Stream(source, "gnss/clock", android.CLOCK)
         self._rf = Stream(source, "gnss/rf", ("band", "agc_db"), words={"band": android.RF_BANDS})
         self._signals = Stream(source, "gnss/signal", _SIGNAL, words=_WORDS)
-        self._navdata = Stream(source, "gnss/navdata", ("constellation", "svid", "signal", "subframe"), words=_WORDS)
+        self._navdata = Stream(
+            source, "gnss/navdata", ("constellation", "svid", "signal", "subframe"), words=_WORDS
+        )
         self._held: Columns = {}
         self._bias_origin_ns: int | None = None
         self._leap_s: int | None = None
@@ -59,18 +64,28 @@ class Chip:
         self.latest: Columns = {}
 
     def piece(self, offsets: NDArray[np.int64], times_ns: NDArray[np.int64]) -> None:
-        """Take where the timed rows of the next piece lie, and their times: satellites in view and messages have none."""
+        """Take where the timed rows of the next piece lie, and their times: satellites in view and
+        messages have none.
+        """
         self._order.piece(offsets, times_ns)
 
     def raw(self, sheet: Sheet) -> Iterator[Item]:
         """Take raw measurements."""
         times, seen = android.receiver_times(sheet), android.satellites(sheet)
-        columns = {**android.observations(sheet, seen, times), **android.clock_columns(sheet), **sheet.account()}
+        columns = {
+            **android.observations(sheet, seen, times),
+            **android.clock_columns(sheet),
+            **sheet.account(),
+        }
         columns |= self._bias(sheet, times) | {"agc_db": sheet.floats("AgcDb"), "band": seen.band}
         columns["epoch"] = sheet.exact(("TimeNanos",))[0]
         claimed = raw_utc(sheet, times)
-        columns["time_ns"], timed = self._axis.times(columns["offset"], raw_elapsed(sheet), claimed, shift=True)
-        columns["host_offset_s"] = np.where(times.known, (claimed[0] - columns["time_ns"] + times.rest_ns) * 1e-9, np.nan)
+        columns["time_ns"], timed = self._axis.times(
+            columns["offset"], raw_elapsed(sheet), claimed, shift=True
+        )
+        columns["host_offset_s"] = np.where(
+            times.known, (claimed[0] - columns["time_ns"] + times.rest_ns) * 1e-9, np.nan
+        )
         yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
         yield from rejects(columns, ~timed & ~sheet.bad, NO_TIME)
         columns = take(columns, timed & ~sheet.bad)
@@ -82,13 +97,17 @@ class Chip:
         times, seen = android.receiver_times(sheet), android.satellites(sheet)
         columns: Columns = {"agc_db": sheet.floats("AgcDb"), "band": seen.band, **sheet.account()}
         claimed = raw_utc(sheet, times)
-        columns["time_ns"], timed = self._axis.times(columns["offset"], sheet.exact(()), claimed, shift=True)
+        columns["time_ns"], timed = self._axis.times(
+            columns["offset"], sheet.exact(()), claimed, shift=True
+        )
         yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
         yield from rejects(columns, ~timed & ~sheet.bad, NO_TIME)
         yield from self._rf.push(take(columns, timed & ~sheet.bad))
 
     def status(self, sheet: Sheet) -> Iterator[Item]:
-        """Take rows of satellites in view; their time is that of the timed row before their epoch's first one."""
+        """Take rows of satellites in view; their time is that of the timed row before their epoch's
+        first one.
+        """
         used = sheet.exact(("UsedInFix",))
         columns: Columns = {
             **android.satellites(sheet).columns,
@@ -108,11 +127,21 @@ class Chip:
         """Take navigation messages; their time is that of the timed row before them."""
         kind, has_kind = sheet.exact(("Type",))
         svid = sheet.exact(("Svid",))
-        signals = {number: android.SIGNALS.index(signal) for number, signal in _MESSAGE_SIGNALS.items()}
+        signals = {
+            number: android.SIGNALS.index(signal) for number, signal in _MESSAGE_SIGNALS.items()
+        }
         constellation = np.where(has_kind & (kind >> 8 < 8), kind >> 8, 0)
         columns: Columns = {
-            **held((android.SCHEMA_CONSTELLATION[constellation], constellation > 0), "constellation"),
-            **held((np.where(svid[1], android.within_constellation(constellation, svid[0]), 0), svid[1] & (svid[0] > 0)), "svid"),
+            **held(
+                (android.SCHEMA_CONSTELLATION[constellation], constellation > 0), "constellation"
+            ),
+            **held(
+                (
+                    np.where(svid[1], android.within_constellation(constellation, svid[0]), 0),
+                    svid[1] & (svid[0] > 0),
+                ),
+                "svid",
+            ),
             "signal": np.array([signals.get(number, -1) for number in kind.tolist()], np.int32),
             **sheet.account(),
         }
@@ -131,7 +160,12 @@ class Chip:
 
     def about(self) -> Mapping[str, dict[str, str]]:
         """Return the source's metadata, if it gave anything."""
-        streams = {"Raw": self._observations, "Agc": self._rf, "Status": self._signals, "Nav": self._navdata}
+        streams = {
+            "Raw": self._observations,
+            "Agc": self._rf,
+            "Status": self._signals,
+            "Nav": self._navdata,
+        }
         topic = " ".join(name for name, stream in streams.items() if stream.rows)
         if not topic:
             return {}
@@ -141,7 +175,9 @@ class Chip:
         return {self.source: about}
 
     def _bias(self, sheet: Sheet, times: android.Times) -> Columns:
-        """Return the clock's bias beyond that of the first row that has one, for doubles of decades have no nanoseconds."""
+        """Return the clock's bias beyond that of the first row that has one, for doubles of decades
+        have no nanoseconds.
+        """
         full = sheet.exact(("FullBiasNanos",))[0]
         if self._bias_origin_ns is None and times.known.any():
             self._bias_origin_ns = int(full[np.argmax(times.known)])
@@ -165,7 +201,14 @@ class Chip:
         first = np.concatenate([[True], epoch[1:] != epoch[:-1]])
         yield from self._clock.push(_unaccounted(take(rows, first)))
         gained = take(rows, ~np.isnan(rows["agc_db"]))
-        keys = np.stack([gained["epoch"].astype(np.float64), gained["band"].astype(np.float64), gained["agc_db"]], 1)
+        keys = np.stack(
+            [
+                gained["epoch"].astype(np.float64),
+                gained["band"].astype(np.float64),
+                gained["agc_db"],
+            ],
+            1,
+        )
         distinct = np.sort(np.unique(keys, axis=0, return_index=True)[1])
         yield from self._rf.push(_unaccounted(take(gained, distinct)))
 
@@ -184,7 +227,9 @@ class _FileOrder:
         self._index = -1
 
     def piece(self, offsets: NDArray[np.int64], times_ns: NDArray[np.int64]) -> None:
-        """Take where the timed rows of the next piece lie, and their times, in the order of the file."""
+        """Take where the timed rows of the next piece lie, and their times, in the order of the
+        file.
+        """
         self._offsets = np.concatenate([self._offsets[-1:], offsets])
         self._times_ns = np.concatenate([self._times_ns[-1:], times_ns])
 
@@ -196,7 +241,9 @@ class _FileOrder:
         return self._times_ns[np.maximum(before, 0)], before >= 0
 
     def epochs(self, rows: NDArray[np.int64], index: NDArray[np.int64]) -> Stamps:
-        """Return the times of rows that are numbered within epochs: that of each epoch's first row."""
+        """Return the times of rows that are numbered within epochs: that of each epoch's first
+        row.
+        """
         times, known = self.times(rows)
         before = np.concatenate([[self._index], index[:-1]])
         first = np.where((index <= before) | (index == 0), np.arange(rows.size), -1)
@@ -210,12 +257,16 @@ class _FileOrder:
 
 
 def _bytes(rows: Rows, place: int) -> tuple[NDArray[np.object_], NDArray[np.bool_]]:
-    """Read the cells from one place on as bytes, signed or not, and which rows have a cell that is none."""
+    """Read the cells from one place on as bytes, signed or not, and which rows have a cell that is
+    none.
+    """
     found, bad = np.full(rows.widths.size, b"", object), np.zeros(rows.widths.size, bool)
     for width in np.unique(rows.widths).tolist():
         mine = np.flatnonzero(rows.widths == width)
         cells = (rows.firsts[mine][:, None] + np.arange(place, width)).reshape(-1)
-        values, present, wrong = parsing.scaled(Cells(rows.lines.octets, rows.starts[cells], rows.ends[cells]))
+        values, present, wrong = parsing.scaled(
+            Cells(rows.lines.octets, rows.starts[cells], rows.ends[cells])
+        )
         wrong = wrong | ~present | (values < -128) | (values > 255)
         octets = np.where(wrong, 0, values).astype(np.uint8).reshape(mine.size, -1)
         found[mine] = [row.tobytes() for row in octets]

@@ -13,7 +13,17 @@ GYRO = tuple(f"gyro_{axis}_radps" for axis in AXES)
 LINEAR_ACCEL = tuple(f"linear_accel_{axis}_mps2" for axis in AXES)
 IMU = (*ACCEL, *GYRO, *LINEAR_ACCEL, "interval_s")
 MAG = tuple(f"field_{axis}_ut" for axis in AXES)
-PVT = ("lat_deg", "lon_deg", "height_m", "height_msl_m", "speed_mps", "course_deg", "h_acc_m", "v_acc_m", "s_acc_mps")
+PVT = (
+    "lat_deg",
+    "lon_deg",
+    "height_m",
+    "height_msl_m",
+    "speed_mps",
+    "course_deg",
+    "h_acc_m",
+    "v_acc_m",
+    "s_acc_mps",
+)
 
 NO_TIME = "a row without a time"
 NO_POSITION = "a fix without a position"
@@ -21,13 +31,16 @@ OLDER = "a fix older than the log"
 
 
 def known(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values with those below zero, by which phones say that they do not know, absent."""
+    """Return the values with those below zero, by which phones say that they do not know,
+    absent.
+    """
     return np.where(values < 0, np.nan, values)
 
 
 def positive(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the values with those not above zero absent.
 
-    Android gives 0 for an accuracy that it has not (``Location.getAccuracy``) and for the C/N0 of a satellite not received, iOS less.
+    Android gives 0 for an accuracy that it has not (``Location.getAccuracy``) and for the C/N0 of a
+    satellite not received, iOS less.
     """
     return np.where(values > 0, values, np.nan)

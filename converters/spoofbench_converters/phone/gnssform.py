@@ -1,6 +1,8 @@
-"""What a GnssLogger text log is made of: its row types, their columns as the header lines name them, its clocks.
+"""What a GnssLogger text log is made of: its row types, their columns as the header lines name
+them, its clocks.
 
-Source: ``LOGGING_FORMAT.md`` of google/gps-measurement-tools, and the header lines of versions 1.4 to 3.1 and of GPSTest.
+Source: ``LOGGING_FORMAT.md`` of google/gps-measurement-tools, and the header lines of versions 1.4
+to 3.1 and of GPSTest.
 """
 
 import re
@@ -38,7 +40,16 @@ TYPES = (
     "NMEA",
     "GnssAntennaInfo",
 )
-SENSORS = ("UncalAccel", "Accel", "UncalGyro", "Gyro", "UncalMag", "Mag", "OrientationDeg", "Pressure")
+SENSORS = (
+    "UncalAccel",
+    "Accel",
+    "UncalGyro",
+    "Gyro",
+    "UncalMag",
+    "Mag",
+    "OrientationDeg",
+    "Pressure",
+)
 UTC = ("utcTimeMillis",)
 ELAPSED = ("elapsedRealtimeNanos",)
 CHIPSET = ("ChipsetElapsedRealtimeNanos",)
@@ -62,9 +73,13 @@ _UNHEADED = {  # of rows whose header line is lost
 
 @dataclass(slots=True)
 class Form:
-    """What header lines, and the first rows, say of a log: names of the columns and widths of the rows by type, and the device."""
+    """What header lines, and the first rows, say of a log: names of the columns and widths of the
+    rows by type, and the device.
+    """
 
-    names: dict[str, tuple[str, ...]] = field(default_factory=lambda: {kind: tuple(names.split(",")) for kind, names in _UNHEADED.items()})
+    names: dict[str, tuple[str, ...]] = field(
+        default_factory=lambda: {kind: tuple(names.split(",")) for kind, names in _UNHEADED.items()}
+    )
     widths: dict[str, int] = field(default_factory=dict)
     device: dict[str, str] = field(default_factory=dict)
 
@@ -87,7 +102,9 @@ class Form:
             self.widths.pop(kind, None)
 
     def sheet(self, kind: str, rows: text.Rows) -> tuple[Sheet, NDArray[np.bool_]]:
-        """Return the rows of a type that have the right number of cells as a sheet, and which do."""
+        """Return the rows of a type that have the right number of cells as a sheet, and which
+        do.
+        """
         names = self.names.get(kind, ())
         width = self.widths.get(kind, len(names) + 1)
         right = rows.widths >= width if kind == "Nav" else rows.widths == width
@@ -106,7 +123,9 @@ def types_of(rows: text.Rows) -> NDArray[np.bytes_]:
 
 
 def likeness(head: bytes) -> float:
-    """Return 1 for a log with header lines, 0.9 for one without, 0 for others and for one of NMEA sentences alone."""
+    """Return 1 for a log with header lines, 0.9 for one without, 0 for others and for one of NMEA
+    sentences alone.
+    """
     lines = head.decode("latin-1").splitlines()
     headed = any(re.match(r"#\s*(Raw,.*TimeNanos|Fix,\s*Provider)", line) for line in lines)
     kinds = [line.partition(",")[0] for line in lines if line.partition(",")[0] in TYPES]
@@ -119,7 +138,9 @@ def likeness(head: bytes) -> float:
 
 
 def survey(part: Part) -> tuple[Form, Axis]:
-    """Read what a log's columns and time axis are: of its first 16 MiB, as far as the header and the clocks need it."""
+    """Read what a log's columns and time axis are: of its first 16 MiB, as far as the header and
+    the clocks need it.
+    """
     form = Form()
     counts: dict[str, dict[int, int]] = {}
     pairs: dict[str, list[Pairs]] = {"sensors": [], "fixes": [], "raw": []}
@@ -131,7 +152,10 @@ def survey(part: Part) -> tuple[Form, Axis]:
                 break
             same = _of_one_header(lines, form, bool(counts))
             _survey_lines(same, form, counts, pairs)
-            known = all(parts and parts[0][0].size >= ENOUGH_PAIRS for parts in (pairs["sensors"], pairs["fixes"]))
+            known = all(
+                parts and parts[0][0].size >= ENOUGH_PAIRS
+                for parts in (pairs["sensors"], pairs["fixes"])
+            )
             if known or same.starts.size < lines.starts.size:
                 break
     for kind, widths in counts.items():
@@ -142,7 +166,9 @@ def survey(part: Part) -> tuple[Form, Axis]:
 
 
 def _of_one_header(lines: Lines, form: Form, begun: bool) -> Lines:
-    """Return the lines before a header line that changes the form of rows that have begun; learn those before it."""
+    """Return the lines before a header line that changes the form of rows that have begun; learn
+    those before it.
+    """
     octets = first_octets(lines)
     rows = np.flatnonzero((octets != ord("#")) & (octets != 0))
     first = 0 if begun else int(rows[0]) if rows.size else lines.starts.size
@@ -153,7 +179,9 @@ def _of_one_header(lines: Lines, form: Form, begun: bool) -> Lines:
     return lines
 
 
-def _survey_lines(lines: Lines, form: Form, counts: dict[str, dict[int, int]], pairs: dict[str, list[Pairs]]) -> None:
+def _survey_lines(
+    lines: Lines, form: Form, counts: dict[str, dict[int, int]], pairs: dict[str, list[Pairs]]
+) -> None:
     rows = text.split(lines)
     kinds = types_of(rows)
     sensors: list[Columns] = []
@@ -166,7 +194,10 @@ def _survey_lines(lines: Lines, form: Form, counts: dict[str, dict[int, int]], p
             counts.setdefault(kind, {}).setdefault(width, 0)
             counts[kind][width] += count
         usual = int(widths[np.argmax(times)])
-        sheet = Sheet(mine.take(mine.widths == usual), {name: place + 1 for place, name in enumerate(form.names[kind])})
+        sheet = Sheet(
+            mine.take(mine.widths == usual),
+            {name: place + 1 for place, name in enumerate(form.names[kind])},
+        )
         if kind in SENSORS:
             sensors.append({**sheet.account(), **_both(sheet.exact(ELAPSED), sheet.exact(UTC, 6))})
         elif kind == "Fix":
@@ -174,18 +205,27 @@ def _survey_lines(lines: Lines, form: Form, counts: dict[str, dict[int, int]], p
             pairs["fixes"].append(_paired(_both(sheet.exact(ELAPSED), sheet.exact(UNIX, 6)), gps))
         elif kind == "Raw":
             pairs["raw"].append(
-                _paired(_both(raw_elapsed(sheet), raw_utc(sheet, android.receiver_times(sheet))), np.ones(len(sheet), bool))
+                _paired(
+                    _both(raw_elapsed(sheet), raw_utc(sheet, android.receiver_times(sheet))),
+                    np.ones(len(sheet), bool),
+                )
             )
     if sensors:
         joined = {name: np.concatenate([part[name] for part in sensors]) for name in sensors[0]}
         order = np.argsort(joined["offset"])
-        pairs["sensors"].append(_paired({name: values[order] for name, values in joined.items()}, np.ones(order.size, bool)))
+        pairs["sensors"].append(
+            _paired(
+                {name: values[order] for name, values in joined.items()}, np.ones(order.size, bool)
+            )
+        )
     for parts in pairs.values():
         parts[:] = [_first(parts)]
 
 
 def raw_elapsed(sheet: Sheet) -> Stamps:
-    """Return the elapsed time of raw measurements in nanoseconds: the chipset's, else the logger's."""
+    """Return the elapsed time of raw measurements in nanoseconds: the chipset's, else the
+    logger's.
+    """
     chipset, logger = sheet.exact(CHIPSET), sheet.exact(("ElapsedRealtimeMillis",), 6)
     own = chipset[1] & (chipset[0] > 0)
     return np.where(own, chipset[0], logger[0]), own | logger[1]
@@ -198,7 +238,11 @@ def raw_utc(sheet: Sheet, times: android.Times) -> Stamps:
 
 
 def _both(elapsed: Stamps, utc: Stamps) -> Columns:
-    return {"elapsed": elapsed[0], "utc": utc[0], "both": elapsed[1] & utc[1] & (elapsed[0] > 0) & (utc[0] > 0)}
+    return {
+        "elapsed": elapsed[0],
+        "utc": utc[0],
+        "both": elapsed[1] & utc[1] & (elapsed[0] > 0) & (utc[0] > 0),
+    }
 
 
 def _paired(columns: Columns, rows: NDArray[np.bool_]) -> Pairs:
@@ -208,7 +252,10 @@ def _paired(columns: Columns, rows: NDArray[np.bool_]) -> Pairs:
 
 def _first(parts: list[Pairs]) -> Pairs:
     none = np.empty(0, np.int64)
-    return (np.concatenate([none, *(part[0] for part in parts)])[:PAIRS], np.concatenate([none, *(part[1] for part in parts)])[:PAIRS])
+    return (
+        np.concatenate([none, *(part[0] for part in parts)])[:PAIRS],
+        np.concatenate([none, *(part[1] for part in parts)])[:PAIRS],
+    )
 
 
 def first_octets(lines: Lines) -> NDArray[np.uint8]:

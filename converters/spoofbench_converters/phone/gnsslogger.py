@@ -1,4 +1,6 @@
-"""Conversion of GnssLogger's text log: see :mod:`spoofbench_converters.phone.gnssform` for what it is made of."""
+"""Conversion of GnssLogger's text log: see :mod:`spoofbench_converters.phone.gnssform` for what it
+is made of.
+"""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,7 +14,17 @@ from spoofbench_converters.phone import android, gnssform
 from spoofbench_converters.phone import lines as text
 from spoofbench_converters.phone.axis import Axis, Stamps, Steps
 from spoofbench_converters.phone.chip import Chip
-from spoofbench_converters.phone.device import ACCEL, AXES, BODY, DEVICE_AXES, GYRO, MAG, NO_POSITION, NO_TIME, positive
+from spoofbench_converters.phone.device import (
+    ACCEL,
+    AXES,
+    BODY,
+    DEVICE_AXES,
+    GYRO,
+    MAG,
+    NO_POSITION,
+    NO_TIME,
+    positive,
+)
 from spoofbench_converters.phone.gnssform import ELAPSED, SENSORS, UNIX, UTC, Form
 from spoofbench_converters.phone.lines import Lines
 from spoofbench_converters.phone.options import Options
@@ -28,18 +40,38 @@ _BATCHING_S = 10.0  # sensors may be handed over in batches of seconds, each on 
 
 _VECTORS = {  # row type: kind of source, which, columns, fields
     "UncalAccel": ("imu", "uncalibrated", "UncalAccel{}Mps2", "accel_{}_mps2", "Bias{}Mps2"),
-    "UncalGyro": ("imu", "uncalibrated", "UncalGyro{}RadPerSec", "gyro_{}_radps", "Drift{}RadPerSec"),
+    "UncalGyro": (
+        "imu",
+        "uncalibrated",
+        "UncalGyro{}RadPerSec",
+        "gyro_{}_radps",
+        "Drift{}RadPerSec",
+    ),
     "UncalMag": ("mag", "uncalibrated", "UncalMag{}MicroT", "field_{}_ut", "Bias{}MicroT"),
     "Accel": ("imu", "calibrated", "Accel{}Mps2", "accel_{}_mps2", ""),
     "Gyro": ("imu", "calibrated", "Gyro{}RadPerSec", "gyro_{}_radps", ""),
     "Mag": ("mag", "calibrated", "Mag{}MicroT", "field_{}_ut", ""),
 }
-PVT_FIELDS = ("lat_deg", "lon_deg", "height_m", "speed_mps", "course_deg", "h_acc_m", "v_acc_m", "s_acc_mps", "gps_week", "tow_s")
+PVT_FIELDS = (
+    "lat_deg",
+    "lon_deg",
+    "height_m",
+    "speed_mps",
+    "course_deg",
+    "h_acc_m",
+    "v_acc_m",
+    "s_acc_mps",
+    "gps_week",
+    "tow_s",
+)
 _PROVIDERS = {b"GPS": "GPS", b"FLP": "FLP", b"FUSED": "FLP", b"NLP": "NLP", b"NETWORK": "NLP"}
 _SOLUTIONS = {
     "GPS": {"solution": "gnss", "solution_basis": "Android's GPS provider"},
     "FLP": {"solution": "fused", "solution_basis": "Android's fused location provider"},
-    "NLP": {"solution": "fused", "solution_basis": "Android's network provider: cells and Wi-Fi, no satellites"},
+    "NLP": {
+        "solution": "fused",
+        "solution_basis": "Android's network provider: cells and Wi-Fi, no satellites",
+    },
 }
 
 
@@ -98,15 +130,28 @@ class _Log:
         yield from self._chip.finish()
         for stream in self._streams.values():
             yield from stream.finish()
-        recording = {"clock": "sensor" if self._axis.offset_ns is not None else "gnss", "clock_basis": self._axis.basis}
+        recording = {
+            "clock": "sensor" if self._axis.offset_ns is not None else "gnss",
+            "clock_basis": self._axis.basis,
+        }
         if self._axis.offset_ns is not None:
-            recording |= {"boot_unix_ns": str(self._axis.offset_ns), "gnss_minus_clock_ns": str(-self._axis.shift_ns)}
+            recording |= {
+                "boot_unix_ns": str(self._axis.offset_ns),
+                "gnss_minus_clock_ns": str(-self._axis.shift_ns),
+            }
         if self._options.session:
             recording["session_id"] = self._options.session
         for name, told in self._chip.about().items():
             fixes = self._about.get(name, {})
-            self._about[name] = {**told, **fixes, "topic": " ".join(filter(None, (fixes.get("topic"), told["topic"])))}
-        about = {f"source/{name}": {**self._form.device, **record} for name, record in self._about.items()}
+            self._about[name] = {
+                **told,
+                **fixes,
+                "topic": " ".join(filter(None, (fixes.get("topic"), told["topic"]))),
+            }
+        about = {
+            f"source/{name}": {**self._form.device, **record}
+            for name, record in self._about.items()
+        }
         yield Facts({**about, "recording": {**recording, **self._steps.about()}})
 
     def _rows(self, lines: Lines) -> Iterator[Item]:
@@ -125,11 +170,17 @@ class _Log:
                 continue
             sheets[kind], right = self._form.sheet(kind, rows.take(mine))
             yield from rejects(account, ~right, WRONG_WIDTH)
-        yield from rejects({"offset": lines.offsets, "length": lines.lengths}, ~known, "a line of no type that GnssLogger writes")
+        yield from rejects(
+            {"offset": lines.offsets, "length": lines.lengths},
+            ~known,
+            "a line of no type that GnssLogger writes",
+        )
         yield from self._sheets({kind: sheet for kind, sheet in sheets.items() if len(sheet)})
 
     def _sheets(self, sheets: dict[str, Sheet]) -> Iterator[Item]:
-        """Yield the rows of each type: sensors first, for they tell the time of rows that do not."""
+        """Yield the rows of each type: sensors first, for they tell the time of rows that do
+        not.
+        """
         self._timed = []
         if self._options.append_clock:
             self._append(sheets)
@@ -161,40 +212,69 @@ class _Log:
         parts = []
         for kind in SENSORS if self._by_sensors else ("Fix",):
             if kind in sheets:
-                times, timed = Axis(self._axis.offset_ns).times(*_clocks(sheets[kind], UNIX if kind == "Fix" else UTC))
-                parts.append(take({"offset": sheets[kind].account()["offset"], "time_ns": times}, timed & ~sheets[kind].bad))
+                times, timed = Axis(self._axis.offset_ns).times(
+                    *_clocks(sheets[kind], UNIX if kind == "Fix" else UTC)
+                )
+                parts.append(
+                    take(
+                        {"offset": sheets[kind].account()["offset"], "time_ns": times},
+                        timed & ~sheets[kind].bad,
+                    )
+                )
         if parts:
             rows = in_file_order(parts)
             self._axis.append(rows["offset"], rows["time_ns"])
 
     def _sensor(self, kind: str, sheet: Sheet) -> tuple[Stream, Columns, list[Rejects]]:
         elapsed, logged = sheet.exact(ELAPSED), sheet.exact(UTC, 6)
-        columns, stream = self._vector(kind, sheet) if kind in _VECTORS else self._scalar(kind, sheet)
+        columns, stream = (
+            self._vector(kind, sheet) if kind in _VECTORS else self._scalar(kind, sheet)
+        )
         columns |= sheet.account()
         columns["time_ns"], timed = self._axis.times(columns["offset"], elapsed, logged)
-        refused = [*rejects(columns, sheet.bad, NOT_A_NUMBER), *rejects(columns, ~timed & ~sheet.bad, NO_TIME)]
+        refused = [
+            *rejects(columns, sheet.bad, NOT_A_NUMBER),
+            *rejects(columns, ~timed & ~sheet.bad, NO_TIME),
+        ]
         kept = timed & ~sheet.bad
         columns = take(columns, kept)
-        self._timed.append({**_places(columns), "logged": logged[0][kept], "both": (elapsed[1] & logged[1])[kept]})
+        self._timed.append(
+            {**_places(columns), "logged": logged[0][kept], "both": (elapsed[1] & logged[1])[kept]}
+        )
         return stream, columns, refused
 
     def _vector(self, kind: str, sheet: Sheet) -> tuple[Columns, Stream]:
         family, which, column, field, bias = _VECTORS[kind]
-        columns: Columns = {field.format(axis): sheet.floats(column.format(axis.upper())) for axis in AXES}
+        columns: Columns = {
+            field.format(axis): sheet.floats(column.format(axis.upper())) for axis in AXES
+        }
         if family == "imu":
             columns["interval_s"] = np.zeros(len(sheet))
-        name, stream = self._stream(family, which, (*ACCEL, *GYRO, "interval_s") if family == "imu" else MAG)
+        name, stream = self._stream(
+            family, which, (*ACCEL, *GYRO, "interval_s") if family == "imu" else MAG
+        )
         last = Sheet(sheet.rows.take(np.array([len(sheet) - 1])), sheet.places)
         values = [last.floats(bias.format(axis.upper()))[0] for axis in AXES] if bias else []
         if values and not np.isnan(values).any():
-            self._about[name][f"{column.partition('{')[0]}_last_bias"] = " ".join(repr(float(value)) for value in values)
+            self._about[name][f"{column.partition('{')[0]}_last_bias"] = " ".join(
+                repr(float(value)) for value in values
+            )
         return columns, stream
 
     def _scalar(self, kind: str, sheet: Sheet) -> tuple[Columns, Stream]:
         if kind == "Pressure":
-            hectopascal = sheet.floats(*(name for name in sheet.places if name.lower().endswith(("hpa", "mbar", "millibar"))))
+            hectopascal = sheet.floats(
+                *(
+                    name
+                    for name in sheet.places
+                    if name.lower().endswith(("hpa", "mbar", "millibar"))
+                )
+            )
             return {"pressure_pa": hectopascal * 100}, self._stream("baro", "", ("pressure_pa",))[1]
-        columns: Columns = {"roll_deg": sheet.floats("rollDeg"), "pitch_deg": -sheet.floats("pitchDeg")}
+        columns: Columns = {
+            "roll_deg": sheet.floats("rollDeg"),
+            "pitch_deg": -sheet.floats("pitchDeg"),
+        }
         return columns, self._stream("ins", "", ("roll_deg", "pitch_deg"))[1]
 
     def _stream(self, family: str, which: str, fields: tuple[str, ...]) -> tuple[str, Stream]:
@@ -203,7 +283,9 @@ class _Log:
         mine = [other for other in self._streams if other[0] == family]
         name = f"{family}{mine.index(key) if key in mine else len(mine)}"
         if key not in self._streams:
-            self._streams[key] = Stream(name, _KINDS.get(family, family), fields, window_s=_BATCHING_S)
+            self._streams[key] = Stream(
+                name, _KINDS.get(family, family), fields, window_s=_BATCHING_S
+            )
             self._about[name] = {**({"topic": which} if which else {}), **_ABOUT.get(family, {})}
         return name, self._streams[key]
 
@@ -233,11 +315,17 @@ class _Log:
             if self._options.source and self._options.source.upper() not in (word.decode(), name):
                 yield from rejects(columns, mine, "fixes of another provider: not asked for")
                 continue
-            yield from self._provider(name, take(columns, mine), _rows(elapsed, mine), _rows(claimed, mine))
+            yield from self._provider(
+                name, take(columns, mine), _rows(elapsed, mine), _rows(claimed, mine)
+            )
         yield from rejects(columns, left, "a fix of a provider that is not known")
 
-    def _provider(self, name: str, columns: Columns, elapsed: Stamps, claimed: Stamps) -> Iterator[Item]:
-        columns["time_ns"], timed = self._axis.times(columns["offset"], elapsed, claimed, shift=name == "GPS")
+    def _provider(
+        self, name: str, columns: Columns, elapsed: Stamps, claimed: Stamps
+    ) -> Iterator[Item]:
+        columns["time_ns"], timed = self._axis.times(
+            columns["offset"], elapsed, claimed, shift=name == "GPS"
+        )
         yield from rejects(columns, ~timed, NO_TIME)
         if name == "GPS":
             gps = claimed[0] - GPS_EPOCH_NS
@@ -256,17 +344,25 @@ class _Log:
             others = sum(family == "gnss" and which != "GPS" for family, which in self._streams)
             source = "gnss0" if name == "GPS" else f"gnss{others + 1}"
             self._streams[key] = Stream(source, "gnss/pvt", PVT_FIELDS, window_s=_BATCHING_S)
-            self._about[source] = {"topic": f"Fix,{name}", "accuracy_basis": "68 % confidence", **_SOLUTIONS[name]}
+            self._about[source] = {
+                "topic": f"Fix,{name}",
+                "accuracy_basis": "68 % confidence",
+                **_SOLUTIONS[name],
+            }
         return self._streams[key]
 
     def _watch(self) -> None:
         """Compare the sensors' logged clock with the axis, in the order of the file."""
         if self._timed:
             rows = in_file_order(self._timed)
-            self._steps.watch(*(rows[name][rows["both"]] for name in ("offset", "logged", "time_ns")))
+            self._steps.watch(
+                *(rows[name][rows["both"]] for name in ("offset", "logged", "time_ns"))
+            )
 
     def _order(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return where the timed rows of this piece lie, and their times, in the order of the file."""
+        """Return where the timed rows of this piece lie, and their times, in the order of the
+        file.
+        """
         if not self._timed:
             return np.empty(0, np.int64), np.empty(0, np.int64)
         rows = in_file_order([_places(part) for part in self._timed])

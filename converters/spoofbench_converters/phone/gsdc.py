@@ -1,7 +1,9 @@
-"""Google Smartphone Decimeter Challenge (2022 to 2024): ``device_gnss.csv``, ``device_imu.csv`` and ``ground_truth.csv``.
+"""Google Smartphone Decimeter Challenge (2022 to 2024): ``device_gnss.csv``, ``device_imu.csv`` and
+``ground_truth.csv``.
 
-Source: the data description of the competition *smartphone-decimeter-2022*. ``device_gnss.csv`` is GnssLogger's raw
-measurements with derived columns, among them a least-squares position per epoch, which was computed afterwards.
+Source: the data description of the competition *smartphone-decimeter-2022*. ``device_gnss.csv`` is
+GnssLogger's raw measurements with derived columns, among them a least-squares position per epoch,
+which was computed afterwards.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,7 +23,9 @@ from spoofbench_converters.phone.parts import Form, Part, only, sheets, text_par
 from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
 from spoofbench_converters.phone.streams import Stream, in_file_order, rejects
 
-_GNSS = frozenset({"MessageType", "utcTimeMillis", "TimeNanos", "FullBiasNanos", "ReceivedSvTimeNanos"})
+_GNSS = frozenset(
+    {"MessageType", "utcTimeMillis", "TimeNanos", "FullBiasNanos", "ReceivedSvTimeNanos"}
+)
 _IMU = frozenset({"MessageType", "utcTimeMillis", "MeasurementX", "MeasurementY", "MeasurementZ"})
 _TRUTH = frozenset({"MessageType", "Provider", "LatitudeDegrees", "LongitudeDegrees"})
 _MESSAGES = {
@@ -34,7 +38,9 @@ _BATCHING_S = 10.0
 
 
 def sniff(parts: Sequence[Part]) -> float:
-    """Return 1 where a file has the columns of the measurements or of the inertial sensors, else 0."""
+    """Return 1 where a file has the columns of the measurements or of the inertial sensors, else
+    0.
+    """
     return float(any(_is(part, _GNSS) or _is(part, _IMU) for part in parts))
 
 
@@ -49,8 +55,14 @@ def tables(parts: Sequence[Part]) -> tuple[Part | None, Part | None, Part | None
         ConversionError: there are two of one.
     """
     text = text_parts(parts)
-    gnss, imu, truth = ([part for part in text if _is(part, columns)] for columns in (_GNSS, _IMU, _TRUTH))
-    return only(gnss, "tables of measurements"), only(imu, "tables of sensors"), only(truth, "references")
+    gnss, imu, truth = (
+        [part for part in text if _is(part, columns)] for columns in (_GNSS, _IMU, _TRUTH)
+    )
+    return (
+        only(gnss, "tables of measurements"),
+        only(imu, "tables of sensors"),
+        only(truth, "references"),
+    )
 
 
 def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
@@ -67,10 +79,19 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
         yield from _measurements(gnss, axis)
     if truth:
         yield from _reference(truth, axis)
-    recording = {"clock": "sensor" if axis.offset_ns is not None else "gnss", "clock_basis": axis.basis, **steps.about()}
+    recording = {
+        "clock": "sensor" if axis.offset_ns is not None else "gnss",
+        "clock_basis": axis.basis,
+        **steps.about(),
+    }
     if axis.offset_ns is not None:
-        recording |= {"boot_unix_ns": str(axis.offset_ns), "gnss_minus_clock_ns": str(-axis.shift_ns)}
-    yield Facts({"recording": recording | ({"session_id": options.session} if options.session else {})})
+        recording |= {
+            "boot_unix_ns": str(axis.offset_ns),
+            "gnss_minus_clock_ns": str(-axis.shift_ns),
+        }
+    yield Facts(
+        {"recording": recording | ({"session_id": options.session} if options.session else {})}
+    )
     yield from (part.passed_over() for part in parts if part not in (gnss, imu, truth))
 
 
@@ -85,17 +106,26 @@ def _axis(gnss: Part | None, imu: Part | None) -> Axis:
 
 
 def _first(part: Part) -> Sheet | None:
-    return next((item for item in sheets(part, Form.of(part.head)) if isinstance(item, Sheet)), None)
+    return next(
+        (item for item in sheets(part, Form.of(part.head)) if isinstance(item, Sheet)), None
+    )
 
 
-def _pairs(elapsed: NDArray[np.int64], has: NDArray[np.bool_], utc: NDArray[np.int64], also: NDArray[np.bool_]) -> Pairs:
+def _pairs(
+    elapsed: NDArray[np.int64],
+    has: NDArray[np.bool_],
+    utc: NDArray[np.int64],
+    also: NDArray[np.bool_],
+) -> Pairs:
     both = has & also & (elapsed > 0) & (utc > 0)
     return elapsed[both][:PAIRS], utc[both][:PAIRS]
 
 
 def _sensors(part: Part, axis: Axis, steps: Steps) -> Iterator[Item]:
     streams = {
-        "imu": Stream("imu0", "imu", (*device.ACCEL, *device.GYRO, "interval_s"), window_s=_BATCHING_S),
+        "imu": Stream(
+            "imu0", "imu", (*device.ACCEL, *device.GYRO, "interval_s"), window_s=_BATCHING_S
+        ),
         "mag": Stream("mag0", "mag", device.MAG, window_s=_BATCHING_S),
     }
     for sheet in sheets(part, Form.of(part.head)):
@@ -118,7 +148,11 @@ def _sensors(part: Part, axis: Axis, steps: Steps) -> Iterator[Item]:
             left &= ~mine
             fields = {field.format(name): column for name, column in zip(AXES, values, strict=True)}
             extra = {"interval_s": np.zeros(len(sheet))} if family == "imu" else {}
-            pushes[family].append(streams[family].complete(take({**account, **fields, **extra, "time_ns": times}, mine)))
+            pushes[family].append(
+                streams[family].complete(
+                    take({**account, **fields, **extra, "time_ns": times}, mine)
+                )
+            )
         yield from rejects(account, left, "a row of a sensor that is not known")
         for family, columns in pushes.items():
             yield from streams[family].push(in_file_order(columns))
@@ -141,7 +175,11 @@ def _measurements(part: Part, axis: Axis) -> Iterator[Item]:
     yield from solution.stream.finish()
     yield Facts({f"source/{name}": about for name, about in chip.about().items()})
     if solution.stream.rows:
-        about = {"topic": "WlsPosition", "solution": "gnss", "solution_basis": "weighted least squares of the measurements, afterwards"}
+        about = {
+            "topic": "WlsPosition",
+            "solution": "gnss",
+            "solution_basis": "weighted least squares of the measurements, afterwards",
+        }
         yield Facts({"source/wls0": about})
 
 
@@ -159,8 +197,12 @@ class _Solution:
 
         ecef = np.stack([sheet.floats(name) for name in _WLS])
         utc, offsets = sheet.exact(UTC)[0], sheet.account()["offset"]
-        times, timed = self._axis.times(offsets, raw_elapsed(sheet), raw_utc(sheet, android.receiver_times(sheet)), shift=True)
-        placed = np.flatnonzero(timed & ~sheet.bad & ~np.isnan(ecef).any(axis=0) & (np.abs(ecef).max(axis=0) > 0))
+        times, timed = self._axis.times(
+            offsets, raw_elapsed(sheet), raw_utc(sheet, android.receiver_times(sheet)), shift=True
+        )
+        placed = np.flatnonzero(
+            timed & ~sheet.bad & ~np.isnan(ecef).any(axis=0) & (np.abs(ecef).max(axis=0) > 0)
+        )
         if not placed.size:
             return
         before = np.concatenate([[self._last], utc[placed][:-1]])
@@ -168,7 +210,9 @@ class _Solution:
         self._last = int(utc[placed[-1]])
         lat, lon, height = pymap3d.ecef2geodetic(*ecef[:, rows])
         account = {"offset": offsets[rows], "length": np.zeros(rows.size, np.int64)}
-        yield from self.stream.push({"time_ns": times[rows], "lat_deg": lat, "lon_deg": lon, "height_m": height, **account})
+        yield from self.stream.push(
+            {"time_ns": times[rows], "lat_deg": lat, "lon_deg": lon, "height_m": height, **account}
+        )
 
 
 def _reference(part: Part, axis: Axis) -> Iterator[Item]:
@@ -183,12 +227,17 @@ def _reference(part: Part, axis: Axis) -> Iterator[Item]:
             "height_m": sheet.floats("AltitudeMeters"),
             **sheet.account(),
         }
-        columns["time_ns"], timed = axis.times(columns["offset"], sheet.exact(()), sheet.exact(UNIX, 6), shift=True)
+        columns["time_ns"], timed = axis.times(
+            columns["offset"], sheet.exact(()), sheet.exact(UNIX, 6), shift=True
+        )
         placed = ~np.isnan(columns["lat_deg"] + columns["lon_deg"])
         yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
         yield from rejects(columns, ~timed & ~sheet.bad, NO_TIME)
         yield from rejects(columns, ~placed & timed & ~sheet.bad, NO_POSITION)
         yield from stream.push(take(columns, placed & timed & ~sheet.bad))
     yield from stream.finish()
-    basis = "the competition's reference receiver; GNSS time, laid on the recording's clock by its median offset"
+    basis = (
+        "the competition's reference receiver; GNSS time, laid on the recording's clock by its "
+        "median offset"
+    )
     yield Facts({"source/reference": {"topic": "ground_truth", "basis": basis}})

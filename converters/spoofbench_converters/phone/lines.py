@@ -1,4 +1,6 @@
-"""Text logs as lines, piece by piece in bounded memory, and lines as cells; every byte keeps its place in the log."""
+"""Text logs as lines, piece by piece in bounded memory, and lines as cells; every byte keeps its
+place in the log.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,10 +23,9 @@ _LF, _CR, _QUOTE, _SPACE = b'\n\r" '
 class Lines:
     """Lines of one piece of a log.
 
-    Attributes:
-        octets: uint8 ``(k,)``, the piece.
-        starts, ends: int64 ``(n,)``, each line's text within ``octets``, without its end.
-        offsets, lengths: int64 ``(n,)``, where each line lies in the log, with its end and a byte order mark before it.
+    Attributes: octets: uint8 ``(k,)``, the piece. starts, ends: int64 ``(n,)``, each line's text
+        within ``octets``, without its end. offsets, lengths: int64 ``(n,)``, where each line lies
+        in the log, with its end and a byte order mark before it.
     """
 
     octets: NDArray[np.uint8]
@@ -35,7 +36,9 @@ class Lines:
 
     def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Lines":
         """Return the lines that a mask or index array selects."""
-        return Lines(self.octets, self.starts[rows], self.ends[rows], self.offsets[rows], self.lengths[rows])
+        return Lines(
+            self.octets, self.starts[rows], self.ends[rows], self.offsets[rows], self.lengths[rows]
+        )
 
     def text(self, row: int) -> str:
         """Return one line's text."""
@@ -43,7 +46,8 @@ class Lines:
 
 
 def read_lines(file: IO[bytes], origin: int = 0) -> Iterator[Lines | Reject]:
-    """Yield a stream's lines; those longer than 64 KiB, and a last line without an end, are rejects.
+    """Yield a stream's lines; those longer than 64 KiB, and a last line without an end, are
+    rejects.
 
     Args:
         file: the stream.
@@ -91,7 +95,9 @@ def _too_long(offset: int, length: int) -> Reject:
 
 
 def _lines(octets: NDArray[np.uint8], base: int, first: bool) -> Iterator[Lines | Reject]:
-    """Yield the lines of a piece that ends with one, so many at a time that their places stay small."""
+    """Yield the lines of a piece that ends with one, so many at a time that their places stay
+    small.
+    """
     step = octets.size if int(np.count_nonzero(octets == _LF)) <= MOST_LINES else MOST_LINES
     start = 0
     while start < octets.size:
@@ -150,7 +156,9 @@ class Rows:
 
     def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Rows":
         """Return the rows that a mask or index array selects."""
-        return Rows(self.lines.take(rows), self.widths[rows], self.firsts[rows], self.starts, self.ends)
+        return Rows(
+            self.lines.take(rows), self.widths[rows], self.firsts[rows], self.starts, self.ends
+        )
 
     def column(self, place: int) -> Cells:
         """Return the cells of one column; each row must have it."""
@@ -159,7 +167,9 @@ class Rows:
 
 
 def split(lines: Lines, delimiter: str = ",") -> Rows:
-    """Cut lines into cells; a delimiter between double quotes is text, quotes and blanks around a cell are not."""
+    """Cut lines into cells; a delimiter between double quotes is text, quotes and blanks around a
+    cell are not.
+    """
     octets = lines.octets
     if not lines.starts.size:
         none = np.empty(0, np.int64)
@@ -169,7 +179,10 @@ def split(lines: Lines, delimiter: str = ",") -> Rows:
     inside = (owner >= 0) & (places < lines.ends[np.maximum(owner, 0)])
     quotes = np.flatnonzero(octets == _QUOTE)
     if quotes.size:
-        before = np.searchsorted(quotes, places) - np.searchsorted(quotes, lines.starts)[np.maximum(owner, 0)]
+        before = (
+            np.searchsorted(quotes, places)
+            - np.searchsorted(quotes, lines.starts)[np.maximum(owner, 0)]
+        )
         inside &= before % 2 == 0
     places, owner = places[inside], owner[inside]
     widths = np.bincount(owner, minlength=lines.starts.size) + 1

@@ -16,7 +16,9 @@ _BEYOND_MEASURE = 1e100
 
 
 class Floats(NamedTuple):
-    """Values, float64 ``(n,)``, NaN where the cell is empty, says so, or is infinite or nearly so; and which cells are no numbers."""
+    """Values, float64 ``(n,)``, NaN where the cell is empty, says so, or is infinite or nearly so;
+    and which cells are no numbers.
+    """
 
     values: NDArray[np.float64]
     bad: NDArray[np.bool_]
@@ -53,7 +55,8 @@ def floats(cells: Cells, decimal_comma: bool = False) -> Floats:
 
 
 def scaled(cells: Cells, decimals: int = 0, decimal_comma: bool = False) -> Integers:
-    """Read cells as decimal numbers times ``10 ** decimals``, exactly; what lies beyond is rounded half up.
+    """Read cells as decimal numbers times ``10 ** decimals``, exactly; what lies beyond is rounded
+    half up.
 
     Seconds with 9 decimals, or milliseconds with 6, are nanoseconds.
     """
@@ -66,7 +69,9 @@ def scaled(cells: Cells, decimals: int = 0, decimal_comma: bool = False) -> Inte
     values[~present], bad = 0, np.zeros(lengths.size, bool)
     other = np.flatnonzero(~present & (lengths > 0))
     if other.size:
-        values[other], present[other], bad[other] = _scaled_otherwise(cells.take(other), decimals, decimal_comma)
+        values[other], present[other], bad[other] = _scaled_otherwise(
+            cells.take(other), decimals, decimal_comma
+        )
     return Integers(values, present, bad)
 
 
@@ -81,8 +86,12 @@ def _scaled_otherwise(cells: Cells, decimals: int, decimal_comma: bool) -> Integ
     small = fits & (np.abs(scaled_floats) < _EXACT / 64)
     values[small] = np.floor(scaled_floats[small] + 0.5).astype(np.int64)
     for row in np.flatnonzero(fits & ~small).tolist():
-        text = cells.octets[cells.starts[row] : cells.ends[row]].tobytes().decode("ascii", "replace")
-        values[row] = int(Decimal(text.replace(",", ".")).scaleb(decimals).to_integral_value("ROUND_HALF_UP"))
+        text = (
+            cells.octets[cells.starts[row] : cells.ends[row]].tobytes().decode("ascii", "replace")
+        )
+        values[row] = int(
+            Decimal(text.replace(",", ".")).scaleb(decimals).to_integral_value("ROUND_HALF_UP")
+        )
     return Integers(values, fits, approximate.bad | (present & ~fits))
 
 
@@ -159,5 +168,7 @@ def _texts(cells: Cells, lengths: NDArray[np.int64], decimal_comma: bool) -> Any
     valid = np.packbits(lengths > 0, bitorder="little")
     ascii_only = np.where(octets < 128, octets, np.uint8(ord("?")))
     return pa.Array.from_buffers(
-        pa.string(), lengths.size, [pa.py_buffer(valid), pa.py_buffer(offsets), pa.py_buffer(ascii_only.tobytes())]
+        pa.string(),
+        lengths.size,
+        [pa.py_buffer(valid), pa.py_buffer(offsets), pa.py_buffer(ascii_only.tobytes())],
     )

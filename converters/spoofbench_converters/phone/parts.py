@@ -1,4 +1,6 @@
-"""The files of a log: the one, or those of a folder or zip archive; and tables of delimited text in them."""
+"""The files of a log: the one, or those of a folder or zip archive; and tables of delimited text in
+them.
+"""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +23,9 @@ _TEXT = re.compile(r"\.(csv|txt|tsv)(\.(gz|zst|bz2|xz))?$", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Part:
-    """A file of a log; ``origin`` is where it begins in the log, its files joined in the order of their names."""
+    """A file of a log; ``origin`` is where it begins in the log, its files joined in the order of
+    their names.
+    """
 
     name: str
     origin: int
@@ -45,7 +49,8 @@ class Part:
 
 
 def parts_of(source: Source) -> list[Part]:
-    """Return a log's files, as large as the archive's directory or the disk says; that of a lone file is not known.
+    """Return a log's files, as large as the archive's directory or the disk says; that of a lone
+    file is not known.
 
     Raises:
         ConversionError: the archive's directory cannot be read.
@@ -56,7 +61,9 @@ def parts_of(source: Source) -> list[Part]:
 
 
 def laid_out(parts: Sequence[Part]) -> list[Part]:
-    """Return a folder's or archive's files as large as they unpack to, which damage may make less, each with where it begins."""
+    """Return a folder's or archive's files as large as they unpack to, which damage may make less,
+    each with where it begins.
+    """
     placed, origin = [], 0
     for part in parts:
         size = 0
@@ -75,7 +82,9 @@ def text_parts(parts: Sequence[Part]) -> list[Part]:
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """The form of a table: names of its columns, what parts them, and whether numbers have a decimal comma."""
+    """The form of a table: names of its columns, what parts them, and whether numbers have a
+    decimal comma.
+    """
 
     names: tuple[str, ...]
     delimiter: str
@@ -87,7 +96,10 @@ class Form:
         header, _, rest = head.decode("utf-8", "replace").partition("\n")
         bare = re.sub(r'"[^"]*"', '""', header)
         delimiter = max(",;\t", key=bare.count)
-        names = tuple(name.strip().strip('"').strip() for name in re.split(rf'{delimiter}(?=(?:[^"]*"[^"]*")*[^"]*$)', header.rstrip("\r")))
+        names = tuple(
+            name.strip().strip('"').strip()
+            for name in re.split(rf'{delimiter}(?=(?:[^"]*"[^"]*")*[^"]*$)', header.rstrip("\r"))
+        )
         return cls(names, delimiter, delimiter != "," and "," in rest.partition("\n")[0])
 
     def places(self, normal: Callable[[str], str] = str) -> Mapping[str, int]:
@@ -98,8 +110,12 @@ class Form:
         return places
 
 
-def sheets(part: Part, form: Form, normal: Callable[[str], str] = str) -> Iterator[Sheet | Block | Reject | Rejects]:
-    """Yield the rows of a table as sheets, and the account of all else: its header, blank lines, lines of another width."""
+def sheets(
+    part: Part, form: Form, normal: Callable[[str], str] = str
+) -> Iterator[Sheet | Block | Reject | Rejects]:
+    """Yield the rows of a table as sheets, and the account of all else: its header, blank lines,
+    lines of another width.
+    """
     places, header = form.places(normal), True
     with part.open() as file:
         for lines in read_lines(file, part.origin):
@@ -116,7 +132,9 @@ def sheets(part: Part, form: Form, normal: Callable[[str], str] = str) -> Iterat
             if not right.all():
                 yield Rejects(rows.lines.offsets[~right], rows.lines.lengths[~right], WRONG_WIDTH)
             if right.any():
-                yield Sheet(rows.take(right) if not right.all() else rows, places, form.decimal_comma)
+                yield Sheet(
+                    rows.take(right) if not right.all() else rows, places, form.decimal_comma
+                )
 
 
 def only(parts: Sequence[Part], what: str) -> Part | None:
@@ -126,7 +144,10 @@ def only(parts: Sequence[Part], what: str) -> Part | None:
         ConversionError: there are several.
     """
     if len(parts) > 1:
-        raise ConversionError(f"there are several {what}, {parts[0].name!r} and {parts[1].name!r} among them; convert one at a time")
+        raise ConversionError(
+            f"there are several {what}, {parts[0].name!r} and {parts[1].name!r} among them; "
+            "convert one at a time"
+        )
     return parts[0] if parts else None
 
 
@@ -145,9 +166,13 @@ def records(part: Part, most: int = 1000) -> list[dict[str, str]]:
     import io
 
     form = Form.of(part.head)
-    reader = csv.DictReader(io.StringIO(part.head.decode("utf-8", "replace"), newline=""), delimiter=form.delimiter)
+    reader = csv.DictReader(
+        io.StringIO(part.head.decode("utf-8", "replace"), newline=""), delimiter=form.delimiter
+    )
     try:
         rows = [row for row, _ in zip(reader, range(most), strict=False)]
     except csv.Error as error:
         raise ConversionError(f"the table {part.name!r} cannot be read: {error}") from error
-    return [{name: text or "" for name, text in row.items() if isinstance(name, str)} for row in rows]
+    return [
+        {name: text or "" for name, text in row.items() if isinstance(name, str)} for row in rows
+    ]

@@ -1,8 +1,9 @@
 """phyphox (RWTH Aachen): a folder or zip archive of one CSV table per sensor, or one table.
 
-Times are seconds of the experiment, which stand still while it is paused; ``meta/time.csv`` says when it was started
-and paused in Unix time. Units stand behind the columns' names. Accelerations point up at rest on every phone; heights are above mean
-sea level unless a column says WGS 84 (phyphox wiki, *Phyphox file format*, input modules ``sensor`` and ``location``).
+Times are seconds of the experiment, which stand still while it is paused; ``meta/time.csv`` says
+when it was started and paused in Unix time. Units stand behind the columns' names. Accelerations
+point up at rest on every phone; heights are above mean sea level unless a column says WGS 84
+(phyphox wiki, *Phyphox file format*, input modules ``sensor`` and ``location``).
 """
 
 import re
@@ -29,7 +30,9 @@ _RADIANS, _DEGREES = r"\(rad/s\)", r"\((°|deg)/s\)"
 
 
 class Quantity(NamedTuple):
-    """A column: its name as a pattern, the kind of its source, its field, and the factor to the field's unit."""
+    """A column: its name as a pattern, the kind of its source, its field, and the factor to the
+    field's unit.
+    """
 
     pattern: re.Pattern[str]
     family: str
@@ -43,11 +46,15 @@ def _quantity(pattern: str, family: str, field: str, factor: float = 1.0) -> Qua
 
 def _vectors() -> Iterator[Quantity]:
     for axis in device.AXES:
-        yield _quantity(rf"linear accelerat(ion|ometer) {axis} {_MPS2}", "imu", f"linear_accel_{axis}_mps2")
+        yield _quantity(
+            rf"linear accelerat(ion|ometer) {axis} {_MPS2}", "imu", f"linear_accel_{axis}_mps2"
+        )
         yield _quantity(rf"accelerat(ion|ometer) {axis} {_MPS2}", "imu", f"accel_{axis}_mps2")
         yield _quantity(rf"gyroscope {axis} {_RADIANS}", "imu", f"gyro_{axis}_radps")
         yield _quantity(rf"gyroscope {axis} {_DEGREES}", "imu", f"gyro_{axis}_radps", np.pi / 180)
-        yield _quantity(rf"(magnetic field|magnetometer) {axis} \([µμ]T\)", "mag", f"field_{axis}_ut")
+        yield _quantity(
+            rf"(magnetic field|magnetometer) {axis} \([µμ]T\)", "mag", f"field_{axis}_ut"
+        )
 
 
 _QUANTITIES = (
@@ -77,7 +84,9 @@ _ABOUT = {
 
 
 class Table(NamedTuple):
-    """A table that is understood: its file, its form, the column of time, and its quantities by column."""
+    """A table that is understood: its file, its form, the column of time, and its quantities by
+    column.
+    """
 
     part: Part
     form: Form
@@ -97,7 +106,12 @@ def sniff(parts: Sequence[Part]) -> float:
 def _table(part: Part) -> Table | None:
     form = Form.of(part.head)
     time = next((name for name in form.names if _TIME.fullmatch(name)), None)
-    quantities = {name: quantity for name in form.names for quantity in _QUANTITIES if quantity.pattern.fullmatch(name)}
+    quantities = {
+        name: quantity
+        for name in form.names
+        for quantity in _QUANTITIES
+        if quantity.pattern.fullmatch(name)
+    }
     family = next(iter(quantities.values())).family if quantities else ""
     mine = {name: quantity for name, quantity in quantities.items() if quantity.family == family}
     return Table(part, form, time, mine) if time and mine else None
@@ -115,7 +129,10 @@ def tables(parts: Sequence[Part]) -> list[Table]:
         for quantity in table.quantities.values():
             other = owners.setdefault(quantity.field, table.part)
             if other is not table.part:
-                raise ConversionError(f"{other.name!r} and {table.part.name!r} tell the same; convert one experiment at a time")
+                raise ConversionError(
+                    f"{other.name!r} and {table.part.name!r} tell the same; convert one "
+                    "experiment at a time"
+                )
     return found
 
 
@@ -126,11 +143,27 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
         ConversionError: nothing says when it began, or there are several.
     """
     understood = tables(parts)
-    times = next((part for part in text_parts(parts) if {"event", "experiment time", "system time"} <= set(Form.of(part.head).names)), None)
+    times = next(
+        (
+            part
+            for part in text_parts(parts)
+            if {"event", "experiment time", "system time"} <= set(Form.of(part.head).names)
+        ),
+        None,
+    )
     clock = _clock(times, options)
     session = {"session_id": options.session} if options.session else {}
-    yield Facts({"recording": {"clock": "sensor", "clock_basis": clock.basis, **clock.about, **session}})
-    properties = next((part for part in text_parts(parts) if {"property", "value"} == set(Form.of(part.head).names)), None)
+    yield Facts(
+        {"recording": {"clock": "sensor", "clock_basis": clock.basis, **clock.about, **session}}
+    )
+    properties = next(
+        (
+            part
+            for part in text_parts(parts)
+            if {"property", "value"} == set(Form.of(part.head).names)
+        ),
+        None,
+    )
     about = _device(properties)
     for family, (kind, fields) in _FAMILIES.items():
         mine = {table.part.name: table for table in understood if table.family == family}
@@ -138,7 +171,16 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
             stream = Stream(f"{family}0", kind, fields, inputs=tuple(mine))
             yield from together(stream, {name: _rows(table, clock) for name, table in mine.items()})
             topic = " ".join(table.part.stem for table in mine.values() if table.part.name)
-            yield Facts({f"source/{family}0": {"app": "phyphox", "topic": topic, **about, **_ABOUT.get(family, {})}})
+            yield Facts(
+                {
+                    f"source/{family}0": {
+                        "app": "phyphox",
+                        "topic": topic,
+                        **about,
+                        **_ABOUT.get(family, {}),
+                    }
+                }
+            )
     for part in parts:
         if part in (times, properties):
             yield from told(part)
@@ -147,7 +189,9 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
 
 
 class Clock(NamedTuple):
-    """When the experiment ran: its times at each start and the Unix times then, int64 ``(n,)`` in nanoseconds."""
+    """When the experiment ran: its times at each start and the Unix times then, int64 ``(n,)`` in
+    nanoseconds.
+    """
 
     started_ns: NDArray[np.int64]
     unix_ns: NDArray[np.int64]
@@ -155,7 +199,9 @@ class Clock(NamedTuple):
     about: Mapping[str, str]
 
     def times(self, experiment_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the Unix times of times of the experiment; one at a pause is that of the start after it."""
+        """Return the Unix times of times of the experiment; one at a pause is that of the start
+        after it.
+        """
         run = np.maximum(np.searchsorted(self.started_ns, experiment_ns, "right") - 1, 0)
         return experiment_ns - self.started_ns[run] + self.unix_ns[run]
 
@@ -163,21 +209,32 @@ class Clock(NamedTuple):
 def _clock(part: Part | None, options: Options) -> Clock:
     if options.date is not None:
         start = _date_ns(options.date)
-        return Clock(np.array([0]), np.array([start]), "start as given", {"reference_date": options.date})
+        return Clock(
+            np.array([0]), np.array([start]), "start as given", {"reference_date": options.date}
+        )
     if part is None:
-        raise ConversionError("the experiment does not say when it began: there is no meta/time.csv; give the start with --date")
+        raise ConversionError(
+            "the experiment does not say when it began: there is no meta/time.csv; give the start "
+            "with --date"
+        )
     form = Form.of(part.head)
     starts: list[tuple[int, int]] = []
     for row in records(part):
         if row["event"].strip().upper() == "START":
-            texts = (row[name].replace(",", ".") if form.decimal_comma else row[name] for name in ("experiment time", "system time"))
+            texts = (
+                row[name].replace(",", ".") if form.decimal_comma else row[name]
+                for name in ("experiment time", "system time")
+            )
             try:
                 experiment, system = (_decimal_ns(text) for text in texts)
             except ArithmeticError:
                 continue
             starts.append((experiment, system))
     if not starts:
-        raise ConversionError(f"{part.name!r} has no start of the experiment that can be read; give the start with --date")
+        raise ConversionError(
+            f"{part.name!r} has no start of the experiment that can be read; give the start with "
+            "--date"
+        )
     begun = np.array(sorted(starts), np.int64)
     return Clock(begun[:, 0], begun[:, 1], f"starts of the experiment in {part.stem}", {})
 
@@ -195,14 +252,20 @@ def _date_ns(date: str) -> int:
     try:
         given = datetime.fromisoformat(date)
     except ValueError:
-        raise ConversionError(f"the date {date!r} is not one; write it as 2024-05-31 or 2024-05-31T10:20:30Z") from None
-    since = (given if given.tzinfo else given.replace(tzinfo=UTC)) - datetime(1970, 1, 1, tzinfo=UTC)
+        raise ConversionError(
+            f"the date {date!r} is not one; write it as 2024-05-31 or 2024-05-31T10:20:30Z"
+        ) from None
+    since = (given if given.tzinfo else given.replace(tzinfo=UTC)) - datetime(
+        1970, 1, 1, tzinfo=UTC
+    )
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
 def _device(part: Part | None) -> dict[str, str]:
     properties = {row["property"]: row["value"] for row in records(part)} if part else {}
-    name = " ".join(filter(None, (properties.get(key, "") for key in ("deviceBrand", "deviceModel"))))
+    name = " ".join(
+        filter(None, (properties.get(key, "") for key in ("deviceBrand", "deviceModel")))
+    )
     return {"device": name} if name else {}
 
 

@@ -1,8 +1,10 @@
-"""SensorLog (Bernd Thomas, iOS): one wide CSV table, a row per tick, a cell where a sensor had something new.
+"""SensorLog (Bernd Thomas, iOS): one wide CSV table, a row per tick, a cell where a sensor had
+something new.
 
-Each sensor's columns have a time stamp of their own, since boot or since 1970; newer versions of the app repeat a
-sensor's last values until it has new ones, and write units behind the columns' names. Accelerations are Core
-Motion's: in g, -1 g on the axis that points up at rest (Apple, ``CMAccelerometerData`` and ``CMDeviceMotion``).
+Each sensor's columns have a time stamp of their own, since boot or since 1970; newer versions of
+the app repeat a sensor's last values until it has new ones, and write units behind the columns'
+names. Accelerations are Core Motion's: in g, -1 g on the axis that points up at rest (Apple,
+``CMAccelerometerData`` and ``CMDeviceMotion``).
 """
 
 import re
@@ -30,7 +32,9 @@ _LOGGED = "loggingTime"
 
 
 class Sensor(NamedTuple):
-    """A group of columns: its stamp, the kind of its source, which one, its fields, and how they are read."""
+    """A group of columns: its stamp, the kind of its source, which one, its fields, and how they
+    are read.
+    """
 
     stamp: str
     family: str
@@ -40,13 +44,19 @@ class Sensor(NamedTuple):
 
 
 def _vector(field: str, column: str, scale: float = 1.0) -> Callable[[Sheet], Columns]:
-    return lambda sheet: {field.format(axis): scale * sheet.floats(column.format(axis.upper())) for axis in AXES}
+    return lambda sheet: {
+        field.format(axis): scale * sheet.floats(column.format(axis.upper())) for axis in AXES
+    }
 
 
 def _motion(sheet: Sheet) -> Columns:
-    linear = _vector("linear_accel_{}_mps2", "motionUserAcceleration{}", -STANDARD_GRAVITY_MPS2)(sheet)
+    linear = _vector("linear_accel_{}_mps2", "motionUserAcceleration{}", -STANDARD_GRAVITY_MPS2)(
+        sheet
+    )
     gravity = _vector("{}", "motionGravity{}", -STANDARD_GRAVITY_MPS2)(sheet)
-    total = {f"accel_{axis}_mps2": linear[f"linear_accel_{axis}_mps2"] + gravity[axis] for axis in AXES}
+    total = {
+        f"accel_{axis}_mps2": linear[f"linear_accel_{axis}_mps2"] + gravity[axis] for axis in AXES
+    }
     return {**total, **linear, **_vector("gyro_{}_radps", "motionRotationRate{}")(sheet)}
 
 
@@ -62,7 +72,9 @@ def _location(sheet: Sheet) -> Columns:
     return {
         "lat_deg": np.where(valid, sheet.floats("locationLatitude"), np.nan),
         "lon_deg": np.where(valid, sheet.floats("locationLongitude"), np.nan),
-        "height_msl_m": np.where(sheet.floats("locationVerticalAccuracy") < 0, np.nan, sheet.floats("locationAltitude")),
+        "height_msl_m": np.where(
+            sheet.floats("locationVerticalAccuracy") < 0, np.nan, sheet.floats("locationAltitude")
+        ),
         "speed_mps": known(sheet.floats("locationSpeed")),
         "course_deg": known(sheet.floats("locationCourse")),
         "h_acc_m": known(sheet.floats("locationHorizontalAccuracy")),
@@ -76,26 +88,54 @@ def _pressure(sheet: Sheet) -> Columns:
 
 
 def _attitude(sheet: Sheet) -> Columns:
-    return {"roll_deg": np.degrees(sheet.floats("motionRoll")), "pitch_deg": np.degrees(sheet.floats("motionPitch"))}
+    return {
+        "roll_deg": np.degrees(sheet.floats("motionRoll")),
+        "pitch_deg": np.degrees(sheet.floats("motionPitch")),
+    }
 
 
 _BOOT, _UNIX = "Timestamp_sinceReboot", "Timestamp_since1970"
 _SENSORS = (
     Sensor(
-        f"accelerometer{_BOOT}", "imu", "raw", device.ACCEL, _vector("accel_{}_mps2", "accelerometerAcceleration{}", -STANDARD_GRAVITY_MPS2)
+        f"accelerometer{_BOOT}",
+        "imu",
+        "raw",
+        device.ACCEL,
+        _vector("accel_{}_mps2", "accelerometerAcceleration{}", -STANDARD_GRAVITY_MPS2),
     ),
     Sensor(f"gyro{_BOOT}", "imu", "raw", device.GYRO, _vector("gyro_{}_radps", "gyroRotation{}")),
-    Sensor(f"motion{_BOOT}", "imu", "device motion", (*device.ACCEL, *device.GYRO, *device.LINEAR_ACCEL), _motion),
+    Sensor(
+        f"motion{_BOOT}",
+        "imu",
+        "device motion",
+        (*device.ACCEL, *device.GYRO, *device.LINEAR_ACCEL),
+        _motion,
+    ),
     Sensor(f"location{_UNIX}", "gnss", "", device.PVT, _location),
-    Sensor(f"magnetometer{_BOOT}", "mag", "magnetometer, uncalibrated", device.MAG, _vector("field_{}_ut", "magnetometer{}")),
+    Sensor(
+        f"magnetometer{_BOOT}",
+        "mag",
+        "magnetometer, uncalibrated",
+        device.MAG,
+        _vector("field_{}_ut", "magnetometer{}"),
+    ),
     Sensor(f"motion{_BOOT}", "mag", "device motion, calibrated", device.MAG, _calibrated_field),
-    Sensor(f"locationHeading{_UNIX}", "mag", "heading", device.MAG, _vector("field_{}_ut", "locationHeading{}")),
+    Sensor(
+        f"locationHeading{_UNIX}",
+        "mag",
+        "heading",
+        device.MAG,
+        _vector("field_{}_ut", "locationHeading{}"),
+    ),
     Sensor(f"altimeter{_BOOT}", "baro", "", ("pressure_pa",), _pressure),
     Sensor(f"motion{_BOOT}", "ins", "", ("roll_deg", "pitch_deg"), _attitude),
 )
 _KINDS = {"imu": "imu", "mag": "mag", "baro": "baro", "gnss": "gnss/pvt", "ins": "ins/pva"}
 _ABOUT = {
-    "imu": {"device_axes": device.DEVICE_AXES, "accel_basis": "Core Motion's sign turned, g into m/s2"},
+    "imu": {
+        "device_axes": device.DEVICE_AXES,
+        "accel_basis": "Core Motion's sign turned, g into m/s2",
+    },
     "mag": {"device_axes": device.DEVICE_AXES},
     "gnss": {"solution_basis": "Core Location, which does not say what it fuses"},
     "ins": {
@@ -139,7 +179,16 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
             yield item
     yield from log.finish()
     session = {"session_id": options.session} if options.session else {}
-    yield Facts({"recording": {"clock": "sensor", "clock_basis": clock.basis, "boot_unix_ns": str(clock.offset_ns), **session}})
+    yield Facts(
+        {
+            "recording": {
+                "clock": "sensor",
+                "clock_basis": clock.basis,
+                "boot_unix_ns": str(clock.offset_ns),
+                **session,
+            }
+        }
+    )
     yield from (other.passed_over(ANOTHER) for other in parts if other is not part)
 
 
@@ -152,7 +201,9 @@ class Clock(NamedTuple):
 
 
 def _survey(part: Part, form: Form) -> Clock:
-    """Lay the time since boot on Unix time by the first rows' logging time; its zone, where it names none, by a stamp since 1970."""
+    """Lay the time since boot on Unix time by the first rows' logging time; its zone, where it
+    names none, by a stamp since 1970.
+    """
     first = next((sheet for sheet in sheets(part, form, normal) if isinstance(sheet, Sheet)), None)
     if first is None:
         raise ConversionError("the log has no rows")
@@ -163,23 +214,36 @@ def _survey(part: Part, form: Form) -> Clock:
     absolute = [int(time) for times, present in stamps for time in times[present & (times > 0)]]
     known_rows = [row for row, time in enumerate(logged) if time is not None]
     if not known_rows:
-        raise ConversionError(f"none of the first rows has a {_LOGGED} that can be read, such as {texts[0]!r}")
+        raise ConversionError(
+            f"none of the first rows has a {_LOGGED} that can be read, such as {texts[0]!r}"
+        )
     start = next(time for time in logged if time is not None)
     zone, basis = timedelta(0), "its own zone"
     if start.tzinfo is None:
         zone, basis = timedelta(0), "taken as UTC, for no stamp tells its zone"
         if absolute:
             ahead_s = start.replace(tzinfo=UTC).timestamp() - max(absolute) / 1e9
-            zone, basis = timedelta(seconds=_QUARTER_HOUR_S * round(ahead_s / _QUARTER_HOUR_S)), "its zone from the stamps since 1970"
-    unix = {row: _nanoseconds(time, zone) for row in known_rows if (time := logged[row]) is not None}
+            zone, basis = (
+                timedelta(seconds=_QUARTER_HOUR_S * round(ahead_s / _QUARTER_HOUR_S)),
+                "its zone from the stamps since 1970",
+            )
+    unix = {
+        row: _nanoseconds(time, zone) for row in known_rows if (time := logged[row]) is not None
+    }
     offsets: list[int] = []
     for sensor in _SENSORS:
         if sensor.stamp.endswith(_BOOT) and not offsets:
             times, present = head.exact((sensor.stamp,), 9)
             fresh = present & (times > 0) & np.concatenate([[True], times[1:] != times[:-1]])
-            offsets = [unix[row] - int(times[row]) for row in np.flatnonzero(fresh).tolist() if row in unix]
+            offsets = [
+                unix[row] - int(times[row]) for row in np.flatnonzero(fresh).tolist() if row in unix
+            ]
     offset = int(np.sort(offsets)[(len(offsets) - 1) // 2]) if offsets else 0
-    return Clock(offset, min(unix.values()), f"median of the first rows' {_LOGGED} ({basis}) minus time since boot")
+    return Clock(
+        offset,
+        min(unix.values()),
+        f"median of the first rows' {_LOGGED} ({basis}) minus time since boot",
+    )
 
 
 def _read_time(text: str) -> datetime | None:
@@ -208,21 +272,33 @@ class _Log:
         self._sources: dict[tuple[str, str], str] = {}
 
     def take(self, sheet: Sheet) -> Iterator[Item]:
-        """Yield what a piece holds: of each sensor the rows in which its stamp is another than before."""
+        """Yield what a piece holds: of each sensor the rows in which its stamp is another than
+        before.
+        """
         account = sheet.account()
         owned = np.zeros(len(sheet), bool)
         pushes: dict[tuple[str, str], list[Columns]] = {}
-        read = [(number, sensor, *self._new(number, sensor, sheet), sensor.read(sheet)) for number, sensor in enumerate(self._sensors)]
+        read = [
+            (number, sensor, *self._new(number, sensor, sheet), sensor.read(sheet))
+            for number, sensor in enumerate(self._sensors)
+        ]
         bad = sheet.bad
         yield from rejects(account, bad, NOT_A_NUMBER)
         for _, sensor, times, new, fields in read:
             new = new & ~bad & ~_blank(fields)
             older = new & (times < self._clock.start_ns - _OLDEST_FIX_NS)
-            columns = {**fields, **account, "time_ns": times, "length": np.where(owned, 0, account["length"])}
+            columns = {
+                **fields,
+                **account,
+                "time_ns": times,
+                "length": np.where(owned, 0, account["length"]),
+            }
             if sensor.family == "imu":
                 columns["interval_s"] = np.zeros(len(sheet))
             if sensor.stamp.endswith(_UNIX):
-                yield from (Reject(offset, 0, device.OLDER) for offset in account["offset"][older].tolist())
+                yield from (
+                    Reject(offset, 0, device.OLDER) for offset in account["offset"][older].tolist()
+                )
                 new &= ~older
             owned |= new
             if new.any():
@@ -237,9 +313,19 @@ class _Log:
         for stream in self._streams.values():
             yield from stream.finish()
         for (family, which), name in self._sources.items():
-            yield Facts({f"source/{name}": {"app": "SensorLog", **({"topic": which} if which else {}), **_ABOUT.get(family, {})}})
+            yield Facts(
+                {
+                    f"source/{name}": {
+                        "app": "SensorLog",
+                        **({"topic": which} if which else {}),
+                        **_ABOUT.get(family, {}),
+                    }
+                }
+            )
 
-    def _new(self, number: int, sensor: Sensor, sheet: Sheet) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    def _new(
+        self, number: int, sensor: Sensor, sheet: Sheet
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Return a sensor's times, and which rows have one that is not that of the row before."""
         stamps, present = sheet.exact((sensor.stamp,), 9)
         present &= stamps > 0
@@ -255,8 +341,16 @@ class _Log:
         key = (family, which)
         if key not in self._streams:
             self._sources[key] = f"{family}{sum(other == family for other, _ in self._sources)}"
-            fields = tuple(dict.fromkeys(field for s in self._sensors if (s.family, s.which) == key for field in s.fields))
-            self._streams[key] = Stream(self._sources[key], _KINDS[family], (*fields, *(("interval_s",) if family == "imu" else ())))
+            fields = tuple(
+                dict.fromkeys(
+                    field for s in self._sensors if (s.family, s.which) == key for field in s.fields
+                )
+            )
+            self._streams[key] = Stream(
+                self._sources[key],
+                _KINDS[family],
+                (*fields, *(("interval_s",) if family == "imu" else ())),
+            )
         return self._streams[key]
 
 

@@ -1,8 +1,9 @@
 """Sensor Logger (Kelvin Choi): a folder or zip archive of one CSV table per sensor.
 
-Sources: ``UNITS.md``, ``COORDINATES.md``, ``CROSSPLATFORM.md`` and ``FUSEDLOCATION.md`` of tszheichoi/awesome-sensor-logger.
-On iOS accelerations are Core Motion's, -1 g on the axis that points up at rest, and uncalibrated ones in g, unless
-the recording was made with standardised units and frames.
+Sources: ``UNITS.md``, ``COORDINATES.md``, ``CROSSPLATFORM.md`` and ``FUSEDLOCATION.md`` of
+tszheichoi/awesome-sensor-logger. On iOS accelerations are Core Motion's, -1 g on the axis that
+points up at rest, and uncalibrated ones in g, unless the recording was made with standardised units
+and frames.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -38,7 +39,9 @@ _GRAVITY = tuple(f"gravity_{axis}" for axis in AXES)
 
 @dataclass(frozen=True, slots=True)
 class Phone:
-    """What decides units and signs: ``ios`` or ``android``, empty where unknown, and whether they are standardised."""
+    """What decides units and signs: ``ios`` or ``android``, empty where unknown, and whether they
+    are standardised.
+    """
 
     platform: str = ""
     standardised: bool = False
@@ -58,7 +61,9 @@ class Sensor(NamedTuple):
     read: Callable[[Sheet, Phone], Columns]
 
 
-def _vector(field: str, *, is_acceleration: bool = False, in_g_on_ios: bool = False) -> Callable[[Sheet, Phone], Columns]:
+def _vector(
+    field: str, *, is_acceleration: bool = False, in_g_on_ios: bool = False
+) -> Callable[[Sheet, Phone], Columns]:
     def read(sheet: Sheet, phone: Phone) -> Columns:
         scale = -1.0 if is_acceleration and phone.is_core_motion else 1.0
         scale *= STANDARD_GRAVITY_MPS2 if in_g_on_ios and phone.is_core_motion else 1.0
@@ -89,15 +94,24 @@ def _barometer(sheet: Sheet, phone: Phone) -> Columns:
 
 def _orientation(sheet: Sheet, phone: Phone) -> Columns:
     nose_up = 1.0 if phone.is_core_motion else -1.0
-    return {"roll_deg": np.degrees(sheet.floats("roll")), "pitch_deg": nose_up * np.degrees(sheet.floats("pitch"))}
+    return {
+        "roll_deg": np.degrees(sheet.floats("roll")),
+        "pitch_deg": nose_up * np.degrees(sheet.floats("pitch")),
+    }
 
 
 _SENSORS: Mapping[str, Sensor] = {
-    "Accelerometer": Sensor("imu", "calibrated", _vector("linear_accel_{}_mps2", is_acceleration=True)),
+    "Accelerometer": Sensor(
+        "imu", "calibrated", _vector("linear_accel_{}_mps2", is_acceleration=True)
+    ),
     "Gravity": Sensor("imu", "calibrated", _vector("gravity_{}", is_acceleration=True)),
-    "TotalAcceleration": Sensor("imu", "calibrated", _vector("accel_{}_mps2", is_acceleration=True)),
+    "TotalAcceleration": Sensor(
+        "imu", "calibrated", _vector("accel_{}_mps2", is_acceleration=True)
+    ),
     "Gyroscope": Sensor("imu", "calibrated", _vector("gyro_{}_radps")),
-    "AccelerometerUncalibrated": Sensor("imu", "uncalibrated", _vector("accel_{}_mps2", is_acceleration=True, in_g_on_ios=True)),
+    "AccelerometerUncalibrated": Sensor(
+        "imu", "uncalibrated", _vector("accel_{}_mps2", is_acceleration=True, in_g_on_ios=True)
+    ),
     "GyroscopeUncalibrated": Sensor("imu", "uncalibrated", _vector("gyro_{}_radps")),
     "Magnetometer": Sensor("mag", "calibrated", _vector("field_{}_ut")),
     "MagnetometerUncalibrated": Sensor("mag", "uncalibrated", _vector("field_{}_ut")),
@@ -115,22 +129,33 @@ _FIELDS: Mapping[str, Sequence[str]] = {
     "gnss": PVT,
     "ins": ("roll_deg", "pitch_deg"),
 }
-_SIGNED = ("Accelerometer", "Gravity", "TotalAcceleration", "AccelerometerUncalibrated", "Orientation")
+_SIGNED = (
+    "Accelerometer",
+    "Gravity",
+    "TotalAcceleration",
+    "AccelerometerUncalibrated",
+    "Orientation",
+)
 
 
 def sniff(parts: Sequence[Part]) -> float:
     """Return 1 for files of the app, 0 for others."""
-    return float(any(_is_table(part) and (not part.name or part.stem in _SENSORS) for part in parts))
+    return float(
+        any(_is_table(part) and (not part.name or part.stem in _SENSORS) for part in parts)
+    )
 
 
 def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     """Yield what a recording holds.
 
-    Raises:
-        ConversionError: there is more than one recording, or one table alone that does not say of which sensor it is.
+    Raises: ConversionError: there is more than one recording, or one table alone that does not say
+        of which sensor it is.
     """
     found = tables(parts)
-    metadata = next((part for part in parts if part.stem.lower() == "metadata" and b"device name" in part.head), None)
+    metadata = next(
+        (part for part in parts if part.stem.lower() == "metadata" and b"device name" in part.head),
+        None,
+    )
     phone, device = _phone(found, metadata), _device(metadata)
     recording = {"clock": "sensor", **({"session_id": options.session} if options.session else {})}
     yield Facts({"recording": recording})
@@ -138,10 +163,15 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
         sensor = _SENSORS[names[0]]
         yield Facts({f"source/{source}": {**device, **_about(sensor, names, phone)}})
         if options.source and sensor.family == "gnss" and options.source.upper() != sensor.which:
-            yield from (found[name].passed_over("fixes of another provider: not asked for") for name in names)
+            yield from (
+                found[name].passed_over("fixes of another provider: not asked for")
+                for name in names
+            )
             continue
         derive = _with_gravity if sensor.family == "imu" else None
-        stream = Stream(source, _KINDS[sensor.family], _FIELDS[sensor.family], inputs=names, derive=derive)
+        stream = Stream(
+            source, _KINDS[sensor.family], _FIELDS[sensor.family], inputs=names, derive=derive
+        )
         yield from together(stream, {name: _rows(name, found[name], phone) for name in names})
     for part in parts:
         if part is metadata:
@@ -157,8 +187,8 @@ def _is_table(part: Part) -> bool:
 def tables(parts: Sequence[Part]) -> dict[str, Part]:
     """Return the tables that are understood, by sensor.
 
-    Raises:
-        ConversionError: there are two of one sensor, or one table alone that does not say of which it is.
+    Raises: ConversionError: there are two of one sensor, or one table alone that does not say of
+        which it is.
     """
     found: dict[str, Part] = {}
     for part in parts:
@@ -166,7 +196,10 @@ def tables(parts: Sequence[Part]) -> dict[str, Part]:
         if name not in _SENSORS or not _is_table(part):
             continue
         if name in found:
-            raise ConversionError(f"there are two tables {name!r}, {found[name].name!r} and {part.name!r}; convert one recording at a time")
+            raise ConversionError(
+                f"there are two tables {name!r}, {found[name].name!r} and {part.name!r}; convert "
+                "one recording at a time"
+            )
         found[name] = part
     if "Gravity" in found and ("Accelerometer" not in found or "TotalAcceleration" in found):
         del found["Gravity"]
@@ -179,7 +212,10 @@ def _sensor_of(part: Part) -> str:
     for column, sensor in (("latitude", "Location"), ("pressure", "Barometer")):
         if column in names:
             return sensor
-    raise ConversionError(f"a table of {sorted(names)} does not say of which sensor it is; convert the recording's folder or zip archive")
+    raise ConversionError(
+        f"a table of {sorted(names)} does not say of which sensor it is; convert the recording's "
+        "folder or zip archive"
+    )
 
 
 def _sources(tables: Mapping[str, Part]) -> dict[str, tuple[str, ...]]:
@@ -199,10 +235,15 @@ def _sources(tables: Mapping[str, Part]) -> dict[str, tuple[str, ...]]:
 def _phone(tables: Mapping[str, Part], metadata: Part | None) -> Phone:
     rows = records(metadata, 1) if metadata else []
     if rows and rows[0].get("platform", "").lower() in ("ios", "android"):
-        return Phone(rows[0]["platform"].lower(), rows[0].get("standardisation", "").lower() == "true")
+        return Phone(
+            rows[0]["platform"].lower(), rows[0].get("standardisation", "").lower() == "true"
+        )
     if {"TotalAcceleration", "LocationGps", "LocationNetwork"} & set(tables):
         return Phone("android", basis="tables that only Android has")
-    if "Location" in tables and "altitudeAboveMeanSeaLevel" in Form.of(tables["Location"].head).names:
+    if (
+        "Location" in tables
+        and "altitudeAboveMeanSeaLevel" in Form.of(tables["Location"].head).names
+    ):
         return Phone("ios", basis="a column that only iOS has")
     return Phone()
 
@@ -221,10 +262,16 @@ def _about(sensor: Sensor, names: Sequence[str], phone: Phone) -> dict[str, str]
     if sensor.family in ("imu", "mag"):
         about["device_axes"] = DEVICE_AXES
     if sensor.family == "imu":
-        sign = "Core Motion's sign turned, uncalibrated g into m/s2" if phone.is_core_motion else "as logged"
+        sign = (
+            "Core Motion's sign turned, uncalibrated g into m/s2"
+            if phone.is_core_motion
+            else "as logged"
+        )
         about["accel_basis"] = f"{phone.platform or 'unknown'} by {phone.basis}: {sign}"
         if "Gravity" in names:
-            about["accel_basis"] += "; specific force is the sum of gravity and the acceleration without it"
+            about["accel_basis"] += (
+                "; specific force is the sum of gravity and the acceleration without it"
+            )
     elif sensor.family == "gnss":
         about |= _provider(sensor, phone)
     elif sensor.family == "ins":
@@ -241,7 +288,12 @@ def _provider(sensor: Sensor, phone: Phone) -> dict[str, str]:
         return {"solution": "gnss", "solution_basis": "Android's GPS provider"}
     if phone.platform == "ios":
         return {"solution_basis": "Core Location, which does not say what it fuses"}
-    return {"solution": "fused", "solution_basis": "fused location" if sensor.which == "FLP" else "network location, no satellites"}
+    return {
+        "solution": "fused",
+        "solution_basis": "fused location"
+        if sensor.which == "FLP"
+        else "network location, no satellites",
+    }
 
 
 def _rows(name: str, part: Part, phone: Phone) -> Iterator[Columns | Item]:
@@ -259,7 +311,12 @@ def _rows(name: str, part: Part, phone: Phone) -> Iterator[Columns | Item]:
         if sensor.family == "gnss":
             refusals.append((before_s < _OLDEST_FIX_S, OLDER))
         if name in _SIGNED and not phone.platform:
-            refusals.append((np.ones(len(sheet), bool), "nothing says whether the phone is iOS or Android, so the sign is unknown"))
+            refusals.append(
+                (
+                    np.ones(len(sheet), bool),
+                    "nothing says whether the phone is iOS or Android, so the sign is unknown",
+                )
+            )
         kept = np.ones(len(sheet), bool)
         for refused, reason in refusals:
             yield from rejects(columns, refused & kept, reason)
@@ -271,7 +328,9 @@ def _with_gravity(rows: Columns) -> Columns:
     """Add gravity to the accelerations without it where the specific force is not logged."""
     sums = {
         f"accel_{axis}_mps2": np.where(
-            np.isnan(rows[f"accel_{axis}_mps2"]), rows[f"gravity_{axis}"] + rows[f"linear_accel_{axis}_mps2"], rows[f"accel_{axis}_mps2"]
+            np.isnan(rows[f"accel_{axis}_mps2"]),
+            rows[f"gravity_{axis}"] + rows[f"linear_accel_{axis}_mps2"],
+            rows[f"accel_{axis}_mps2"],
         )
         for axis in AXES
     }

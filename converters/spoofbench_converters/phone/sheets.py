@@ -38,26 +38,40 @@ class Sheet:
         return self.places.get(name, self._width) < self._width
 
     def floats(self, *names: str) -> NDArray[np.float64]:
-        """Return the first of these columns that there is, NaN where a cell is empty, or where there is none of them."""
+        """Return the first of these columns that there is, NaN where a cell is empty, or where
+        there is none of them.
+        """
         for name in names:
             if name in self:
-                values, bad = parsing.floats(self.rows.column(self.places[name]), self._decimal_comma)
+                values, bad = parsing.floats(
+                    self.rows.column(self.places[name]), self._decimal_comma
+                )
                 self.bad |= bad
                 return values
         return np.full(len(self), np.nan)
 
-    def exact(self, names: Sequence[str], decimals: int = 0) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Return the first of these columns that there is, times ``10 ** decimals``, and which rows have a value."""
+    def exact(
+        self, names: Sequence[str], decimals: int = 0
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the first of these columns that there is, times ``10 ** decimals``, and which rows
+        have a value.
+        """
         for name in names:
             if name in self:
-                values, present, bad = parsing.scaled(self.rows.column(self.places[name]), decimals, self._decimal_comma)
+                values, present, bad = parsing.scaled(
+                    self.rows.column(self.places[name]), decimals, self._decimal_comma
+                )
                 self.bad |= bad
                 return values, present
         return np.zeros(len(self), np.int64), np.zeros(len(self), bool)
 
     def words(self, name: str) -> NDArray[np.bytes_]:
         """Return a column of words, empty where there is none."""
-        return parsing.words(self.rows.column(self.places[name])) if name in self else np.zeros(len(self), "S1")
+        return (
+            parsing.words(self.rows.column(self.places[name]))
+            if name in self
+            else np.zeros(len(self), "S1")
+        )
 
     def account(self) -> Columns:
         """Return where the rows lie in the log: ``offset`` and ``length``."""

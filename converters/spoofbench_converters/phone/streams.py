@@ -1,8 +1,9 @@
-"""From parsed rows to the blocks of a recording's topics: the order of time, rows of equal time, accounting.
+"""From parsed rows to the blocks of a recording's topics: the order of time, rows of equal time,
+accounting.
 
-Columns carry ``time_ns``, and ``offset`` and ``length``, the bytes of the log that a row came from; a row whose bytes
-another topic accounts for has length 0. A column ``<field>?`` says which rows of an integer, flag or enum
-have a value; text is codes into ``words``.
+Columns carry ``time_ns``, and ``offset`` and ``length``, the bytes of the log that a row came from;
+a row whose bytes another topic accounts for has length 0. A column ``<field>?`` says which rows of
+an integer, flag or enum have a value; text is codes into ``words``.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,7 +23,9 @@ _FAR_FUTURE = np.iinfo(np.int64).max
 
 
 def rejects(columns: Columns, rows: NDArray[np.bool_], reason: str) -> Iterator[Rejects]:
-    """Yield the rows that a mask selects as rejects, if there are any of which the bytes are not accounted for elsewhere."""
+    """Yield the rows that a mask selects as rejects, if there are any of which the bytes are not
+    accounted for elsewhere.
+    """
     rows = rows & (columns["length"] > 0)
     if rows.any():
         yield Rejects(columns["offset"][rows], columns["length"][rows], reason)
@@ -42,7 +45,9 @@ def in_file_order(parts: Sequence[Columns]) -> Columns:
 
 
 def together(stream: "Stream", inputs: Mapping[str, Iterator[Columns | Item]]) -> Iterator[Item]:
-    """Push the rows of several inputs, always those of the one that is behind, so that none is held for long."""
+    """Push the rows of several inputs, always those of the one that is behind, so that none is held
+    for long.
+    """
     while (name := stream.behind()) is not None:
         item = next(inputs[name], None)
         if item is None:
@@ -56,14 +61,11 @@ def together(stream: "Stream", inputs: Mapping[str, Iterator[Columns | Item]]) -
 class Stream:
     """Rows of one topic, from one or more inputs that are each in their own order.
 
-    Args:
-        source: name of the source.
-        kind: kind of the schema.
-        fields: the fields that rows may have; those that a push lacks are absent.
-        words: the words of text fields.
-        inputs: names of the inputs.
-        derive: makes the fields of rows of which those of equal time are one; it may use columns that are no fields.
-        window_s: how far behind the latest row of its input one may stand.
+    Args: source: name of the source. kind: kind of the schema. fields: the fields that rows may
+        have; those that a push lacks are absent. words: the words of text fields. inputs: names of
+        the inputs. derive: makes the fields of rows of which those of equal time are one; it may
+        use columns that are no fields. window_s: how far behind the latest row of its input one may
+        stand.
     """
 
     def __init__(
@@ -79,7 +81,10 @@ class Stream:
     ) -> None:
         self.topic = topic_of(source, kind)
         self._kind, self._words, self._derive = kind, words, derive
-        self._dtypes = {name: KINDS[kind].fields[name].dtype if name in KINDS[kind].fields else "float64" for name in fields}
+        self._dtypes = {
+            name: KINDS[kind].fields[name].dtype if name in KINDS[kind].fields else "float64"
+            for name in fields
+        }
         self._orders = {name: InOrder(round(window_s * 1e9)) for name in inputs}
         self._waiting: dict[str, Columns] = {name: {} for name in inputs}
         self._until_ns = dict.fromkeys(inputs, np.iinfo(np.int64).min)
@@ -126,7 +131,11 @@ class Stream:
 
     def _take(self, source: str, ready: Columns, refused: Columns) -> Iterator[Rejects]:
         if refused:
-            yield from rejects(refused, np.ones(refused["time_ns"].size, bool), f"time runs backwards in {self.topic}")
+            yield from rejects(
+                refused,
+                np.ones(refused["time_ns"].size, bool),
+                f"time runs backwards in {self.topic}",
+            )
         if ready and ready["time_ns"].size:
             self._waiting[source] = join(self._waiting[source], ready)
             self._until_ns[source] = int(ready["time_ns"][-1])
@@ -138,7 +147,11 @@ class Stream:
         for source, columns in self._waiting.items():
             if columns:
                 count = columns["time_ns"].size
-                ready = count if before_ns == _FAR_FUTURE else int(np.searchsorted(columns["time_ns"], before_ns, "left"))
+                ready = (
+                    count
+                    if before_ns == _FAR_FUTURE
+                    else int(np.searchsorted(columns["time_ns"], before_ns, "left"))
+                )
                 parts.append(take(columns, slice(0, ready)))
                 self._waiting[source] = take(columns, slice(ready, count))
         rows: Columns = {}
@@ -175,7 +188,9 @@ class Stream:
         return take(rows, ~repeated), take(rows, repeated) if repeated.any() else {}
 
     def _merged(self, rows: Columns) -> Columns:
-        """Make one row of those of equal time, unless two of them say different things of one field."""
+        """Make one row of those of equal time, unless two of them say different things of one
+        field.
+        """
         times = rows["time_ns"]
         first = np.flatnonzero(np.concatenate([[True], times[1:] != times[:-1]]))
         names = [name for name in rows if rows[name].dtype.kind == "f"]
@@ -188,7 +203,9 @@ class Stream:
         group = np.cumsum(np.isin(np.arange(times.size), first)) - 1
         joined = agree[group]
         lengths = np.where(joined, np.add.reduceat(rows["length"], first)[group], rows["length"])
-        merged = {name: np.where(joined, highest[name][group], rows[name]) for name in names} | {"length": lengths}
+        merged = {name: np.where(joined, highest[name][group], rows[name]) for name in names} | {
+            "length": lengths
+        }
         keep = ~joined
         keep[first] = True
         return take(rows | merged, keep)

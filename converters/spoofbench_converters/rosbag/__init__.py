@@ -1,8 +1,10 @@
-"""Converter of ROS bags: ROS 1, and ROS 2 in SQLite or MCAP; split and compressed ones, folders and lone files.
+"""Converter of ROS bags: ROS 1, and ROS 2 in SQLite or MCAP; split and compressed ones, folders and
+lone files.
 
-What messages say is told by families: ASPN-23, the types of ROS itself, receivers' own bytes, and types that a mapping
-describes (see :mod:`spoofbench_converters.table.mapping`). Messages of other types are counted as skipped. All rows are on one
-clock (see :mod:`spoofbench_converters.rosbag.clocks`).
+What messages say is told by families: ASPN-23, the types of ROS itself, receivers' own bytes, and
+types that a mapping describes (see :mod:`spoofbench_converters.table.mapping`). Messages of other
+types are counted as skipped. All rows are on one clock (see
+:mod:`spoofbench_converters.rosbag.clocks`).
 """
 
 from collections.abc import Iterator
@@ -21,7 +23,9 @@ UNIT: Literal["records"] = "records"
 
 
 def sniff(source: Source) -> float:
-    """Return 1 for a bag of any kind, less for an archive with one or an MCAP file of unsaid origin with ROS messages, else 0."""
+    """Return 1 for a bag of any kind, less for an archive with one or an MCAP file of unsaid origin
+    with ROS messages, else 0.
+    """
     return surety(source)
 
 
@@ -38,7 +42,9 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
                 yield from conversion.take(item)
         yield from conversion.finish()
         if log.expected > log.records:
-            yield Reject(log.records, log.expected - log.records, "declared by the bag but not in it")
+            yield Reject(
+                log.records, log.expected - log.records, "declared by the bag but not in it"
+            )
         if log.unverified:
             yield Facts({"recording": {"unverified_chunks": str(log.unverified)}})
         if options.session:

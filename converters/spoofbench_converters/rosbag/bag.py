@@ -67,11 +67,17 @@ class Bag:
             self._open.close()
 
     def slabs(self, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
-        """Yield all messages in bag order; of the topics that are not wanted, only how many there are."""
+        """Yield all messages in bag order; of the topics that are not wanted, only how many there
+        are.
+        """
         for place, named in enumerate(self._location.files):
             if place in self._failures:
                 count = self._location.counts[place] or 1
-                yield Reject(self.records, count, f"a file of the bag cannot be read: {self._failures[place]}")
+                yield Reject(
+                    self.records,
+                    count,
+                    f"a file of the bag cannot be read: {self._failures[place]}",
+                )
                 self.records += count
                 continue
             file = self._open = self._open or _File(named)
@@ -83,7 +89,9 @@ class Bag:
     def _slabs_of(self, log: Log, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
         base = self.records
         numbers = {topic.number: self._number(topic).number for topic in log.topics}
-        for item in log.slabs(frozenset(number for number, mine in numbers.items() if mine in wanted)):
+        for item in log.slabs(
+            frozenset(number for number, mine in numbers.items() if mine in wanted)
+        ):
             if isinstance(item, Reject):
                 yield replace(item, offset=item.offset + base)
             else:
@@ -93,13 +101,23 @@ class Bag:
 
 
 def _renumbered(slab: Slab, numbers: Mapping[int, int], base: int) -> Slab:
-    """Return a file's slab as one of the bag: topics by their numbers there, records after those of the files before."""
+    """Return a file's slab as one of the bag: topics by their numbers there, records after those of
+    the files before.
+    """
     if not base and all(number == mine for number, mine in numbers.items()):
         return slab
-    wanted = {numbers[number]: replace(payloads, records=payloads.records + base) for number, payloads in slab.wanted.items()}
-    others = {numbers.get(number, -1 - number): (count, first + base) for number, (count, first) in slab.others.items()}
+    wanted = {
+        numbers[number]: replace(payloads, records=payloads.records + base)
+        for number, payloads in slab.wanted.items()
+    }
+    others = {
+        numbers.get(number, -1 - number): (count, first + base)
+        for number, (count, first) in slab.others.items()
+    }
     rejects = [
-        replace(reject, offset=reject.offset + base) if isinstance(reject, Reject) else replace(reject, offsets=reject.offsets + base)
+        replace(reject, offset=reject.offset + base)
+        if isinstance(reject, Reject)
+        else replace(reject, offsets=reject.offsets + base)
         for reject in slab.rejects
     ]
     return Slab(wanted, others, rejects)
@@ -119,9 +137,14 @@ class _File:
         self._temporary: Path | None = None
         with file.open() as stream:
             head = stream.read(_HEAD_BYTES)
-            kind = next((opener for magic, opener in _KINDS.items() if head.startswith(magic)), None)
+            kind = next(
+                (opener for magic, opener in _KINDS.items() if head.startswith(magic)), None
+            )
             if kind is None:
-                raise ConversionError(f"{file.path.name!r} is no bag: neither a ROS 1 bag, nor an SQLite database, nor an MCAP file")
+                raise ConversionError(
+                    f"{file.path.name!r} is no bag: neither a ROS 1 bag, nor an SQLite database, "
+                    "nor an MCAP file"
+                )
             path = file.path if is_plain(file, head[:16]) else self._unpacked(head, stream)
         try:
             self.log: Log = kind(path)
@@ -145,7 +168,9 @@ class _File:
                     piece = stream.read(_COPIED_BYTES)
         except OSError as error:
             self._remove()
-            raise ConversionError(f"there is no room to unpack the bag in {tempfile.gettempdir()!r}: {error.strerror}") from error
+            raise ConversionError(
+                f"there is no room to unpack the bag in {tempfile.gettempdir()!r}: {error.strerror}"
+            ) from error
         except SpoofbenchError:
             # What was unpacked before the damage is a bag that was cut off.
             return self._temporary
@@ -156,4 +181,8 @@ class _File:
             self._temporary.unlink(missing_ok=True)
 
 
-_KINDS: dict[bytes, Any] = {b"#ROSBAG": ros1_log.Ros1Log, mcap_log.MAGIC: mcap_log.McapLog, sqlite_log.MAGIC: sqlite_log.SqliteLog}
+_KINDS: dict[bytes, Any] = {
+    b"#ROSBAG": ros1_log.Ros1Log,
+    mcap_log.MAGIC: mcap_log.McapLog,
+    sqlite_log.MAGIC: sqlite_log.SqliteLog,
+}

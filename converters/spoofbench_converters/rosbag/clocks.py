@@ -1,8 +1,9 @@
 """One clock for all sources of a bag: the messages' own stamps against the recorder's.
 
-The recorder stamps each message when it gets it. Most headers are stamped by the same host a little earlier; others bear
-a clock of their own, the seconds of a day, or nothing. All rows of a recording are on one clock, so every device's stamps
-are measured against the recorder's before any row is given a time.
+The recorder stamps each message when it gets it. Most headers are stamped by the same host a little
+earlier; others bear a clock of their own, the seconds of a day, or nothing. All rows of a recording
+are on one clock, so every device's stamps are measured against the recorder's before any row is
+given a time.
 """
 
 from collections.abc import Mapping
@@ -13,7 +14,9 @@ from numpy.typing import NDArray
 
 AGREE_NS = 1_000_000_000
 DAY_NS = 86_400_000_000_000
-_EARLIEST_NS = 631_152_000_000_000_000  # 1990: before it, a stamp counts from something else than 1970
+_EARLIEST_NS = (
+    631_152_000_000_000_000  # 1990: before it, a stamp counts from something else than 1970
+)
 _BACKWARDS_SHARE = 0.01
 _SAMPLES = 20_000
 _DRIFT_LAPSE_S = 10  # between the middles of the halves that are compared
@@ -43,14 +46,19 @@ class Clock:
 def decide(seen: Mapping[str, tuple[_Times, _Times]]) -> tuple[Mapping[str, Clock], int]:
     """Return each device's clock, and how far the recording's clock is ahead of the recorder's.
 
-    It is the recorder's, unless two devices or more agree with each other within 1 s and none with the recorder: then the
-    bag was recorded again later, and theirs is taken. A device whose stamps are off by up to a day is shifted onto it.
+    It is the recorder's, unless two devices or more agree with each other within 1 s and none with
+    the recorder: then the bag was recorded again later, and theirs is taken. A device whose stamps
+    are off by up to a day is shifted onto it.
 
-    Args:
-        seen: by device, the headers' stamps (without rows where there are none) and the recorder's of its first messages.
+    Args: seen: by device, the headers' stamps (without rows where there are none) and the
+        recorder's of its first messages.
     """
     troubles = {name: _trouble(*times) for name, times in seen.items()}
-    offsets = {name: int(np.median(stamps - received)) for name, (stamps, received) in seen.items() if troubles[name] is None}
+    offsets = {
+        name: int(np.median(stamps - received))
+        for name, (stamps, received) in seen.items()
+        if troubles[name] is None
+    }
     ahead_ns = 0
     agree = len(offsets) >= 2 and max(offsets.values()) - min(offsets.values()) <= AGREE_NS
     if agree and min(map(abs, offsets.values())) > AGREE_NS:
@@ -65,7 +73,14 @@ def decide(seen: Mapping[str, tuple[_Times, _Times]]) -> tuple[Mapping[str, Cloc
         elif abs(off_ns) <= AGREE_NS:
             clocks[name] = Clock(True, 0, "header's stamps")
         else:
-            clocks[name] = Clock(True, -off_ns, f"header's stamps less {off_ns / 1e9:.6f} s, their median lead over the recording's clock")
+            clocks[name] = Clock(
+                True,
+                -off_ns,
+                (
+                    f"header's stamps less {off_ns / 1e9:.6f} s, their median lead over the "
+                    "recording's clock"
+                ),
+            )
     return clocks, ahead_ns
 
 
@@ -88,7 +103,9 @@ def _trouble(stamps: _Times, received: _Times) -> str | None:
 
 
 class Meter:
-    """Measures a device's stamps against the recorder's, on a bounded number of messages spread over the bag."""
+    """Measures a device's stamps against the recorder's, on a bounded number of messages spread
+    over the bag.
+    """
 
     def __init__(self) -> None:
         self._parts: list[NDArray[np.int64]] = []
@@ -98,22 +115,31 @@ class Meter:
         """Take a device's next messages."""
         first = -self._seen % self._every
         self._seen += stamps_ns.size
-        self._parts.append(np.stack([received_ns, stamps_ns - received_ns])[:, first :: self._every])
+        self._parts.append(
+            np.stack([received_ns, stamps_ns - received_ns])[:, first :: self._every]
+        )
         self._count += self._parts[-1].shape[1]
         while self._count > _SAMPLES:
             thinned = np.concatenate(self._parts, axis=1)[:, ::2]
             self._parts, self._count, self._every = [thinned], thinned.shape[1], 2 * self._every
 
     def about(self) -> dict[str, str]:
-        """Return median, spread (from the 5th to the 95th percentile) and drift of header minus recorder, as metadata."""
+        """Return median, spread (from the 5th to the 95th percentile) and drift of header minus
+        recorder, as metadata.
+        """
         if not self._count:
             return {}
         samples = np.concatenate(self._parts, axis=1)
         received, offsets = samples[:, np.lexsort(samples[::-1])]
         median, (low, high) = float(np.median(offsets)), np.percentile(offsets, (5, 95))
-        about = {"header_offset_s": f"{median / 1e9:.6f}", "header_offset_spread_s": f"{(high - low) / 1e9:.6f}"}
+        about = {
+            "header_offset_s": f"{median / 1e9:.6f}",
+            "header_offset_spread_s": f"{(high - low) / 1e9:.6f}",
+        }
         half = received.size // 2
-        lapse_s = float(np.median(received[half:]) - np.median(received[:half])) / 1e9 if half else 0.0
+        lapse_s = (
+            float(np.median(received[half:]) - np.median(received[:half])) / 1e9 if half else 0.0
+        )
         if lapse_s > _DRIFT_LAPSE_S:
             drift_s = float(np.median(offsets[half:]) - np.median(offsets[:half])) / 1e9
             about["header_drift_ppm"] = f"{drift_s / lapse_s * 1e6:.3f}"

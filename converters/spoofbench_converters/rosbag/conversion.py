@@ -25,11 +25,14 @@ class Conversion:
     def __init__(self, topics: Sequence[Topic], options: Options) -> None:
         """Give the topics to sessions.
 
-        Raises:
-            ConversionError: the definitions or the mapping that the options name cannot be read, or there is no such source.
+        Raises: ConversionError: the definitions or the mapping that the options name cannot be
+            read, or there is no such source.
         """
         if options.source is not None and options.source not in {topic.name for topic in topics}:
-            raise ConversionError(f"the bag has no topic {options.source!r}; it has {sorted(topic.name for topic in topics)[:30]}")
+            raise ConversionError(
+                f"the bag has no topic {options.source!r}; it has "
+                f"{sorted(topic.name for topic in topics)[:30]}"
+            )
         self._topics = {topic.number: topic for topic in topics}
         self._sessions: dict[int, Session] = {}
         self._decoders: dict[int, Decoder] = {}
@@ -37,16 +40,28 @@ class Conversion:
         self._unknown: dict[int, tuple[int, int]] = {}
         self._steps = Steps(options.append_clock)
         readable = [topic for topic in topics if topic.encoding in ENCODINGS]
-        given = {} if options.definitions is None else definitions.read_folder(Path(options.definitions), [topic.type for topic in topics])
+        given = (
+            {}
+            if options.definitions is None
+            else definitions.read_folder(
+                Path(options.definitions), [topic.type for topic in topics]
+            )
+        )
         types = {topic.number: _types_of(topic, given) for topic in readable}
-        self._undefined = frozenset(topic.number for topic in readable if topic.type not in types[topic.number])
+        self._undefined = frozenset(
+            topic.number for topic in readable if topic.type not in types[topic.number]
+        )
         readable = [topic for topic in readable if topic.number not in self._undefined]
         mine = [topic for topic in readable if topic.type in aspn23.TYPES]
         if mine:
             session = aspn23.open(mine, options)
             self._sessions |= dict.fromkeys((topic.number for topic in mine), session)
-        specs: dict[int, Spec] = {topic.number: STANDARD[topic.type] for topic in readable if topic.type in STANDARD}
-        specs |= mapped.specs([topic for topic in readable if topic not in mine], types, options.mapping)
+        specs: dict[int, Spec] = {
+            topic.number: STANDARD[topic.type] for topic in readable if topic.type in STANDARD
+        }
+        specs |= mapped.specs(
+            [topic for topic in readable if topic not in mine], types, options.mapping
+        )
         planned = plan(readable, specs, options)
         if planned.outlets:
             sensors = Sensors(planned, specs, options)
@@ -54,9 +69,15 @@ class Conversion:
         self._declined |= planned.declined
         counts = Counter(source.rstrip("0123456789") for source in planned.sources)
         serials = [topic for topic in readable if topic.type == SENTENCE or topic.type in TYPES]
-        left_out = {topic.number for topic in serials if "gnss" in planned.asked and topic.name != options.source}
+        left_out = {
+            topic.number
+            for topic in serials
+            if "gnss" in planned.asked and topic.name != options.source
+        }
         self._declined |= dict.fromkeys(left_out, NOT_ASKED)
-        for serial in open_serial([topic for topic in serials if topic.number not in left_out], counts):
+        for serial in open_serial(
+            [topic for topic in serials if topic.number not in left_out], counts
+        ):
             self._sessions |= dict.fromkeys(serial.numbers, serial)
         for number in self._sessions:
             topic = self._topics[number]
@@ -95,12 +116,17 @@ class Conversion:
         if number in self._declined:
             return f"topic {topic.name!r}: {self._declined[number]}"
         if number in self._undefined:
-            return f"topic {topic.name!r}: the bag has no definition of {topic.type!r}; give one with -p definitions=FOLDER"
+            return (
+                f"topic {topic.name!r}: the bag has no definition of {topic.type!r}; give one with "
+                "-p definitions=FOLDER"
+            )
         return f"topic {topic.name!r} of type {topic.type!r} ({topic.encoding}) is not understood"
 
     def _messages(self, topic: Topic, payloads: Payloads) -> Iterator[Item]:
         """Decode one topic's messages and hand them over."""
-        groups, failures = self._decoders[topic.number].decode(payloads.octets, payloads.starts, payloads.lengths)
+        groups, failures = self._decoders[topic.number].decode(
+            payloads.octets, payloads.starts, payloads.lengths
+        )
         by_reason: dict[str, list[int]] = {}
         for place, reason in failures:
             by_reason.setdefault(reason, []).append(place)
@@ -110,7 +136,17 @@ class Conversion:
 
 
 def _types_of(topic: Topic, given: Definitions) -> Definitions:
-    """Return the definitions for a topic: the user's, else the bag's, else those that are known here, else those of ROS."""
+    """Return the definitions for a topic: the user's, else the bag's, else those that are known
+    here, else those of ROS.
+    """
     generation = 1 if topic.encoding == "ros1" else 2
-    known: Mapping[str, Any] = {**definitions.of_ros(generation), **definitions.known(), **aspn23.definitions()}
-    return {**known, **definitions.of_bag(topic.definition, topic.type, topic.definition_format), **given}
+    known: Mapping[str, Any] = {
+        **definitions.of_ros(generation),
+        **definitions.known(),
+        **aspn23.definitions(),
+    }
+    return {
+        **known,
+        **definitions.of_bag(topic.definition, topic.type, topic.definition_format),
+        **given,
+    }

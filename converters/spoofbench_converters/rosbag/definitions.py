@@ -1,4 +1,6 @@
-"""Message definitions: those in the bag, in a folder that the user gives, those of ROS itself, and those written out here."""
+"""Message definitions: those in the bag, in a folder that the user gives, those of ROS itself, and
+those written out here.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
@@ -24,7 +26,8 @@ def normal_name(name: str) -> str:
 
 
 def parse(text: str, name: str, form: str = "ros2msg") -> "Typesdict":
-    """Return the definitions in the text of a type ``package/msg/Type``, and of those within it that follow in the same text.
+    """Return the definitions in the text of a type ``package/msg/Type``, and of those within it
+    that follow in the same text.
 
     Raises:
         ConversionError: it is not a message definition.
@@ -40,7 +43,9 @@ def parse(text: str, name: str, form: str = "ros2msg") -> "Typesdict":
 
 
 def of_bag(text: str, name: str, form: str) -> Definitions:
-    """Return the definitions that a bag gives for a topic, none where it gives none or they cannot be parsed."""
+    """Return the definitions that a bag gives for a topic, none where it gives none or they cannot
+    be parsed.
+    """
     if not text.strip() or len(text) > _MAX_BAG_DEFINITION_BYTES:
         return {}
     try:
@@ -70,11 +75,19 @@ def read_folder(folder: Path, types: Iterable[str]) -> Definitions:
     definitions: dict[str, Any] = {}
     for path in sorted(folder.rglob("*.msg")):
         if path.stat().st_size > MAX_DEFINITION_BYTES:
-            raise ConversionError(f"the definition {path.name!r} is larger than {MAX_DEFINITION_BYTES:,} bytes")
+            raise ConversionError(
+                f"the definition {path.name!r} is larger than {MAX_DEFINITION_BYTES:,} bytes"
+            )
         text = path.read_text("utf-8", errors="replace")
         package, _, name = path.stem.rpartition("__")
         parent = path.parent.parent if path.parent.name == "msg" else path.parent
-        owners = [package] if package else [parent.name] if parent.name in packages or parent != folder else packages
+        owners = (
+            [package]
+            if package
+            else [parent.name]
+            if parent.name in packages or parent != folder
+            else packages
+        )
         for owner in owners:
             definitions.update(parse(text, f"{owner}/msg/{name}"))
     if not definitions:
@@ -84,7 +97,9 @@ def read_folder(folder: Path, types: Iterable[str]) -> Definitions:
 
 @cache
 def known() -> Definitions:
-    """Return the definitions that are written out here, for bags that have none: fields and types of public packages."""
+    """Return the definitions that are written out here, for bags that have none: fields and types
+    of public packages.
+    """
     parsed: dict[str, Any] = {}
     for name, text in _KNOWN.items():
         parsed.update(parse(text, name))
@@ -92,14 +107,19 @@ def known() -> Definitions:
 
 
 _GPS_STATUS = (
-    "std_msgs/Header header\nuint16 satellites_used\nint32[] satellite_used_prn\nuint16 satellites_visible\n"
-    "int32[] satellite_visible_prn\nint32[] satellite_visible_z\nint32[] satellite_visible_azimuth\nint32[] satellite_visible_snr\n"
+    "std_msgs/Header header\nuint16 satellites_used\nint32[] satellite_used_prn\nuint16 "
+    "satellites_visible\n"
+    "int32[] satellite_visible_prn\nint32[] satellite_visible_z\nint32[] "
+    "satellite_visible_azimuth\nint32[] satellite_visible_snr\n"
     "int16 status\nuint16 motion_source\nuint16 orientation_source\nuint16 position_source\n"
 )
 _GPS_FIX = (
-    "std_msgs/Header header\nGPSStatus status\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\nfloat64 track\nfloat64 speed\n"
-    "float64 climb\nfloat64 pitch\nfloat64 roll\nfloat64 dip\nfloat64 time\nfloat64 gdop\nfloat64 pdop\nfloat64 hdop\nfloat64 vdop\n"
-    "float64 tdop\nfloat64 err\nfloat64 err_horz\nfloat64 err_vert\nfloat64 err_track\nfloat64 err_speed\nfloat64 err_climb\n"
+    "std_msgs/Header header\nGPSStatus status\nfloat64 latitude\nfloat64 longitude\nfloat64 "
+    "altitude\nfloat64 track\nfloat64 speed\n"
+    "float64 climb\nfloat64 pitch\nfloat64 roll\nfloat64 dip\nfloat64 time\nfloat64 gdop\nfloat64 "
+    "pdop\nfloat64 hdop\nfloat64 vdop\n"
+    "float64 tdop\nfloat64 err\nfloat64 err_horz\nfloat64 err_vert\nfloat64 err_track\nfloat64 "
+    "err_speed\nfloat64 err_climb\n"
     "float64 err_time\nfloat64 err_pitch\nfloat64 err_roll\nfloat64 err_dip\n"
     "float64[9] position_covariance\nuint8 position_covariance_type\n"
 )

@@ -1,4 +1,6 @@
-"""Between the bag and the messages of a family: options, what messages say, and the session that takes them."""
+"""Between the bag and the messages of a family: options, what messages say, and the session that
+takes them.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,20 +20,25 @@ from spoofbench_converters.rosbag.slabs import Payloads, Topic
 class Options:
     """Options of the rosbag converter.
 
-    Attributes:
-        definitions: folder of ``.msg`` definitions, which go before those that the bag has or the converter knows.
-        mapping: TOML file, or name of a ready mapping, that says what messages of other types hold.
-        time: the rows' time: the messages' own time of validity (their header's stamp), or the recorder's stamps.
-        source: topic of the one receiver (or IMU, ...) to convert, where there are several of a kind; other kinds are converted too.
-        velocity: topic of a receiver's velocity in east, north and up (a twist); ``auto`` takes one that stands beside a
+    Attributes: definitions: folder of ``.msg`` definitions, which go before those that the bag has
+        or the converter knows. mapping: TOML file, or name of a ready mapping, that says what
+        messages of other types hold. time: the rows' time: the messages' own time of validity
+        (their header's stamp), or the recorder's stamps. source: topic of the one receiver (or IMU,
+        ...) to convert, where there are several of a kind; other kinds are converted too. velocity:
+        topic of a receiver's velocity in east, north and up (a twist); ``auto`` takes one that
+        stands beside a
             receiver's position and is called so, ``none`` takes none.
-        odometer: topic of wheel odometry; ``auto`` takes those that are called so, ``none`` takes none.
-        reference: topic of the independent reference of a bag in ASPN-23; ``auto`` takes the first position-velocity-attitude
-            topic of a device that gives neither the inertial nor the GNSS topics, ``none`` takes none.
-        attitude: frames of a quaternion: ``ned-frd`` as ASPN-23 declares it, ``enu-rfu``, or ``auto``,
-            which is ``enu-rfu`` for devices known to send that.
-        imu_interval_s: over which integrated inertial rows are integrated; else found from their times.
-        append_clock: where the recorder's clock jumps back, messages go on at the interval before, instead of being skipped.
+        odometer: topic of wheel odometry; ``auto`` takes those that are called so, ``none`` takes
+            none.
+        reference: topic of the independent reference of a bag in ASPN-23; ``auto`` takes the first
+            position-velocity-attitude topic of a device that gives neither the inertial nor the
+            GNSS topics, ``none`` takes none.
+        attitude: frames of a quaternion: ``ned-frd`` as ASPN-23 declares it, ``enu-rfu``, or
+            ``auto``, which is ``enu-rfu`` for devices known to send that.
+        imu_interval_s: over which integrated inertial rows are integrated; else found from their
+            times.
+        append_clock: where the recorder's clock jumps back, messages go on at the interval before,
+            instead of being skipped.
         date: day (YYYY-MM-DD) of NMEA sentences that give none.
         session: name of the session that the log belongs to.
     """
@@ -51,7 +58,9 @@ class Options:
 
     def __post_init__(self) -> None:
         if self.imu_interval_s is not None and not 0 < self.imu_interval_s < np.inf:
-            raise ValueError(f"imu_interval_s must be above 0 and finite, not {self.imu_interval_s!r}")
+            raise ValueError(
+                f"imu_interval_s must be above 0 and finite, not {self.imu_interval_s!r}"
+            )
 
 
 Refusal = tuple[NDArray[np.bool_], str]
@@ -62,10 +71,9 @@ Refusal = tuple[NDArray[np.bool_], str]
 class Part:
     """Rows of one kind that messages give.
 
-    Attributes:
-        kind: of the schema.
-        columns: fields of the kind, ``(m,)`` each: numbers as float64, NaN where absent, texts empty where absent.
-        message: place of each row's message, ascending, ``(m,)``; None: one row per message.
+    Attributes: kind: of the schema. columns: fields of the kind, ``(m,)`` each: numbers as float64,
+        NaN where absent, texts empty where absent. message: place of each row's message, ascending,
+        ``(m,)``; None: one row per message.
     """
 
     kind: str
@@ -91,7 +99,9 @@ class Said:
 class Session(Protocol):
     """A family at work on one bag."""
 
-    def take(self, topic: Topic, groups: Sequence[Group], payloads: Payloads) -> Iterator[Block | Reject | Rejects]:
+    def take(
+        self, topic: Topic, groups: Sequence[Group], payloads: Payloads
+    ) -> Iterator[Block | Reject | Rejects]:
         """Take a topic's next messages, by layout; ``Group.index`` counts within ``payloads``."""
         ...
 
@@ -110,8 +120,12 @@ def rejects(columns: Mapping[str, NDArray[Any]], reason: str) -> Iterator[Reject
         yield slabs.rejects(columns["record"], reason)
 
 
-def refused(refusals: Sequence[Refusal], records: NDArray[np.int64], topic: str) -> tuple[NDArray[np.bool_], list[Rejects]]:
-    """Return which messages are left, and the rejects: a message is refused for the first reason that applies."""
+def refused(
+    refusals: Sequence[Refusal], records: NDArray[np.int64], topic: str
+) -> tuple[NDArray[np.bool_], list[Rejects]]:
+    """Return which messages are left, and the rejects: a message is refused for the first reason
+    that applies.
+    """
     kept, given = np.ones(records.size, bool), []
     for mask, reason in refusals:
         if (mask & kept).any():
@@ -121,7 +135,9 @@ def refused(refusals: Sequence[Refusal], records: NDArray[np.int64], topic: str)
 
 
 def in_bag_order(pieces: Sequence[Columns]) -> Columns:
-    """Return the rows of pieces with the same columns by ``record``; rows of one record keep their order."""
+    """Return the rows of pieces with the same columns by ``record``; rows of one record keep their
+    order.
+    """
     if len(pieces) == 1:
         return pieces[0]
     columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}

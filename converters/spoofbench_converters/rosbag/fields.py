@@ -20,7 +20,8 @@ _MAX_PATHS = 4096
 class Fields:
     """Messages of one layout.
 
-    A path has dots (``header.stamp.sec``); the places of an array of numbers stand in brackets (``meas[0]``).
+    A path has dots (``header.stamp.sec``); the places of an array of numbers stand in brackets
+    (``meas[0]``).
     """
 
     def __init__(self, rows: NDArray[Any], prefix: str = "") -> None:
@@ -36,7 +37,9 @@ class Fields:
         return Fields(self._rows, f"{self._prefix}{path}.")
 
     def floats(self, path: str, scale: float = 1.0) -> Floats:
-        """Return a number of each message times a scale, ``(n,)``; of a text, the number that it says; NaN where absent."""
+        """Return a number of each message times a scale, ``(n,)``; of a text, the number that it
+        says; NaN where absent.
+        """
         indexed = _INDEXED.fullmatch(self._prefix + path)
         name, place = (indexed[1], int(indexed[2])) if indexed else (self._prefix + path, None)
         if name not in self._names:
@@ -44,25 +47,43 @@ class Fields:
         values = self._rows[name]
         if values.dtype.kind == "S":
             return numbers(values) * scale
-        if (values.ndim == 2) != (place is not None) or (place is not None and place >= values.shape[1]):
+        if (values.ndim == 2) != (place is not None) or (
+            place is not None and place >= values.shape[1]
+        ):
             return np.full(len(self), np.nan)
         with np.errstate(over="ignore", invalid="ignore"):  # of damaged messages
-            return np.asarray((values if place is None else values[:, place]).astype(np.float64) * scale)
+            return np.asarray(
+                (values if place is None else values[:, place]).astype(np.float64) * scale
+            )
 
     def integers(self, path: str) -> Integers | None:
         """Return a whole number of each message, ``(n,)``, None where they have none."""
         path = self._prefix + path
-        if path not in self._names or self._rows[path].dtype.kind not in "iu" or self._rows[path].ndim != 1:
+        if (
+            path not in self._names
+            or self._rows[path].dtype.kind not in "iu"
+            or self._rows[path].ndim != 1
+        ):
             return None
         return np.asarray(self._rows[path].astype(np.int64))
 
     def array(self, path: str, size: int | None = None) -> Floats | None:
-        """Return an array of numbers of each message, ``(n, m)``, None where they have none, or one of another size."""
+        """Return an array of numbers of each message, ``(n, m)``, None where they have none, or one
+        of another size.
+        """
         path = self._prefix + path
-        if path not in self._names or self._rows[path].ndim != 2 or self._rows[path].dtype.kind == "S":
+        if (
+            path not in self._names
+            or self._rows[path].ndim != 2
+            or self._rows[path].dtype.kind == "S"
+        ):
             return None
         values = self._rows[path]
-        return None if size is not None and values.shape[1] != size else np.asarray(values.astype(np.float64))
+        return (
+            None
+            if size is not None and values.shape[1] != size
+            else np.asarray(values.astype(np.float64))
+        )
 
     def texts(self, path: str) -> NDArray[np.str_]:
         """Return a text of each message, empty where absent."""
@@ -74,7 +95,11 @@ class Fields:
     def stamp_ns(self, path: str = "header.stamp") -> Integers | None:
         """Return a time of each message in nanoseconds, ``(n,)``, None where they have none."""
         seconds, nanoseconds = self.integers(f"{path}.sec"), self.integers(f"{path}.nanosec")
-        return None if seconds is None or nanoseconds is None else seconds * 1_000_000_000 + nanoseconds
+        return (
+            None
+            if seconds is None or nanoseconds is None
+            else seconds * 1_000_000_000 + nanoseconds
+        )
 
 
 def numbers(texts: NDArray[np.bytes_]) -> Floats:
@@ -91,7 +116,9 @@ def _number(word: bytes) -> float:
 
 
 def paths_of(name: str, types: Definitions) -> Mapping[str, str]:
-    """Return the base type of each field of a type by its path; of arrays and sequences the element's, with ``[]``; a message's own too."""
+    """Return the base type of each field of a type by its path; of arrays and sequences the
+    element's, with ``[]``; a message's own too.
+    """
     found: dict[str, str] = {}
     _collect(found, "", name, types, 0)
     return found
@@ -109,4 +136,8 @@ def _collect(found: dict[str, str], prefix: str, name: str, types: Definitions, 
             found[f"{prefix}{field}"] = inner
             _collect(found, f"{prefix}{field}.", inner, types, depth + 1)
         else:
-            found[f"{prefix}{field}"] = inner[0] if kind == Nodetype.BASE else f"{inner[0][1][0] if inner[0][0] == Nodetype.BASE else ''}[]"
+            found[f"{prefix}{field}"] = (
+                inner[0]
+                if kind == Nodetype.BASE
+                else f"{inner[0][1][0] if inner[0][0] == Nodetype.BASE else ''}[]"
+            )

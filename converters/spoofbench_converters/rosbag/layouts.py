@@ -1,8 +1,10 @@
-"""Serialised messages to numpy: a message's byte layout is walked once and laid over all messages that share it.
+"""Serialised messages to numpy: a message's byte layout is walked once and laid over all messages
+that share it.
 
-ROS 2: plain CDR (Object Management Group, CORBA 3.0, chapter 15.3): four bytes of encapsulation, then the fields in
-order, each scalar aligned to its size from there; a sequence is a 4-byte count and its elements, a string a 4-byte
-length and its bytes with a closing zero. ROS 1: the same without encapsulation, alignment and closing zero, little-endian.
+ROS 2: plain CDR (Object Management Group, CORBA 3.0, chapter 15.3): four bytes of encapsulation,
+then the fields in order, each scalar aligned to its size from there; a sequence is a 4-byte count
+and its elements, a string a 4-byte length and its bytes with a closing zero. ROS 1: the same
+without encapsulation, alignment and closing zero, little-endian.
 """
 
 import struct
@@ -23,7 +25,8 @@ _MAX_DEPTH = 16
 _MAX_STEPS = 65_536
 _TAIL_BYTES = 3  # some writers pad to four bytes
 _SCALARS = {
-    "bool": "u1", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "bool": "u1", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2",
+    "uint16": "u2", "int32": "i4", "uint32": "u4",
     "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 
@@ -40,7 +43,8 @@ Failure = tuple[int, str]
 class Group:
     """Messages of one layout: their places in the given sequence, and one structured row each.
 
-    Fields bear dotted paths (``header.seq``, ``status.0.level``); sequences and arrays of scalars are subarrays.
+    Fields bear dotted paths (``header.seq``, ``status.0.level``); sequences and arrays of scalars
+    are subarrays.
     """
 
     index: NDArray[np.intp]
@@ -48,7 +52,8 @@ class Group:
 
 
 class Decoder:
-    """Decodes messages of one type; a layout that was walked once serves as long as messages have it.
+    """Decodes messages of one type; a layout that was walked once serves as long as messages have
+    it.
 
     Args:
         name: the type.
@@ -62,7 +67,9 @@ class Decoder:
         self._encoding = encoding
         self._known: dict[int, list[_Layout]] = {}
 
-    def decode(self, octets: NDArray[np.uint8], starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> tuple[list[Group], list[Failure]]:
+    def decode(
+        self, octets: NDArray[np.uint8], starts: NDArray[np.int64], lengths: NDArray[np.int64]
+    ) -> tuple[list[Group], list[Failure]]:
         """Return all messages by layout, and each that cannot be decoded.
 
         Args:
@@ -104,13 +111,17 @@ class Decoder:
 
 
 def windows(octets: NDArray[np.uint8], length: int) -> NDArray[np.void]:
-    """Return a view of the so many bytes from each place on, ``(n - length + 1,)``; what is taken from it is copied as a whole."""
+    """Return a view of the so many bytes from each place on, ``(n - length + 1,)``; what is taken
+    from it is copied as a whole.
+    """
     return np.ndarray((octets.size - length + 1,), f"V{length}", octets, strides=(1,))
 
 
 @dataclass(slots=True)
 class _Layout:
-    """Byte layout under construction: fields with their offsets, and the counts that hold it together."""
+    """Byte layout under construction: fields with their offsets, and the counts that hold it
+    together.
+    """
 
     message: bytes
     types: Definitions
@@ -129,16 +140,22 @@ class _Layout:
         names, formats, offsets = self.names, self.formats, self.offsets
         if self.aligned:
             names, formats, offsets = ["#", *names], ["S2", *formats], [0, *offsets]
-        self.dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(self.message)})
+        self.dtype = np.dtype(
+            {"names": names, "formats": formats, "offsets": offsets, "itemsize": len(self.message)}
+        )
 
     def fits(self, rows: NDArray[Any]) -> NDArray[np.bool_]:
         """Which messages have the encapsulation and the counts of the one that was walked."""
-        same = np.asarray(rows["#"] == self.message[:2]) if self.aligned else np.ones(rows.size, bool)
+        same = (
+            np.asarray(rows["#"] == self.message[:2]) if self.aligned else np.ones(rows.size, bool)
+        )
         for name, value in self.counts.items():
             same &= rows[name] == value
         return same
 
-    def place(self, name: str, code: str, shape: tuple[int, ...] = (), align: int | None = None) -> int:
+    def place(
+        self, name: str, code: str, shape: tuple[int, ...] = (), align: int | None = None
+    ) -> int:
         """Add one field at the next aligned place; return its offset."""
         item = np.dtype(code)
         if self.aligned:

@@ -1,8 +1,8 @@
 """Messages of types that a mapping describes, or that hold messages of ROS.
 
-A mapping (:mod:`spoofbench_converters.table.mapping`) says by paths of fields what the messages of a type hold; one applies
-where the type has every field that it reads. A type without one that has, say, a sensor_msgs/Imu among its fields is
-read for that, under its own header's stamp.
+A mapping (:mod:`spoofbench_converters.table.mapping`) says by paths of fields what the messages of
+a type hold; one applies where the type has every field that it reads. A type without one that has,
+say, a sensor_msgs/Imu among its fields is read for that, under its own header's stamp.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,8 +33,11 @@ _HEADER = "std_msgs/msg/Header"
 _VELOCITIES = frozenset({"vel_n_mps", "vel_e_mps", "speed_mps"})
 
 
-def specs(topics: Sequence[Topic], types: Mapping[int, Definitions], mapping: str | None) -> dict[int, Spec]:
-    """Return how topics' messages are read, by number, for those that a mapping describes or that hold messages of ROS.
+def specs(
+    topics: Sequence[Topic], types: Mapping[int, Definitions], mapping: str | None
+) -> dict[int, Spec]:
+    """Return how topics' messages are read, by number, for those that a mapping describes or that
+    hold messages of ROS.
 
     Raises:
         ConversionError: the mapping that is named cannot be read, or describes none of the topics.
@@ -47,21 +50,43 @@ def specs(topics: Sequence[Topic], types: Mapping[int, Definitions], mapping: st
     found: dict[int, Spec] = {}
     for topic in topics:
         paths = paths_of(topic.type, types[topic.number])
-        tables = [(each, table) for each in given for table in each.tables if _describes(table, topic, paths)]
+        tables = [
+            (each, table)
+            for each in given
+            for table in each.tables
+            if _describes(table, topic, paths)
+        ]
         if not tables and topic.type.partition("/")[0] not in _OF_ROS:
-            tables = [(each, table) for each in _ready() for table in each.tables if _describes(table, topic, paths)]
+            tables = [
+                (each, table)
+                for each in _ready()
+                for table in each.tables
+                if _describes(table, topic, paths)
+            ]
         if tables:
             found[topic.number] = _spec(*tables[0], paths)
         elif topic.type.partition("/")[0] not in _OF_ROS and (embedded := _embedded(paths)):
             found[topic.number] = embedded
     if given and not any(number in found for number in (topic.number for topic in topics)):
         raise ConversionError(
-            f"the mapping {mapping!r} describes no topic of the bag; its types are {sorted({topic.type for topic in topics})}"
+            f"the mapping {mapping!r} describes no topic of the bag; its types are "
+            f"{sorted({topic.type for topic in topics})}"
         )
     return found
 
 
-_OF_ROS = frozenset({"sensor_msgs", "geometry_msgs", "nav_msgs", "std_msgs", "gps_common", "gps_msgs", "nmea_msgs", "ublox_msgs"})
+_OF_ROS = frozenset(
+    {
+        "sensor_msgs",
+        "geometry_msgs",
+        "nav_msgs",
+        "std_msgs",
+        "gps_common",
+        "gps_msgs",
+        "nmea_msgs",
+        "ublox_msgs",
+    }
+)
 
 
 @cache
@@ -70,7 +95,10 @@ def _ready() -> "tuple[TableMapping, ...]":
     from spoofbench_converters.table.mapping import read_mapping
 
     folder = files(__package__) / "mappings"
-    paths = sorted((path for path in folder.iterdir() if path.name.endswith(".toml")), key=lambda path: path.name)
+    paths = sorted(
+        (path for path in folder.iterdir() if path.name.endswith(".toml")),
+        key=lambda path: path.name,
+    )
     return tuple(read_mapping(path.read_bytes(), path.name.removesuffix(".toml")) for path in paths)
 
 
@@ -78,9 +106,9 @@ def _describes(table: "TableSpec", topic: Topic, paths: Mapping[str, str]) -> bo
     """Whether a table is of a topic's type, and the type has all the fields that it names."""
     name = topic.type.replace("/msg/", "/")
     needed = [*table.columns, *(path for path, optional in table.wanted().items() if not optional)]
-    return any(fnmatchcase(name, pattern.replace("/msg/", "/")) for pattern in table.messages) and all(
-        _path(path)[0].partition("[")[0] in paths for path in needed
-    )
+    return any(
+        fnmatchcase(name, pattern.replace("/msg/", "/")) for pattern in table.messages
+    ) and all(_path(path)[0].partition("[")[0] in paths for path in needed)
 
 
 def _path(column: str) -> tuple[str, int]:
@@ -90,27 +118,53 @@ def _path(column: str) -> tuple[str, int]:
 
 def _spec(mapping: "TableMapping", table: "TableSpec", paths: Mapping[str, str]) -> Spec:
     kinds = tuple(topic.kind for topic in table.topics)
-    if len(set(kinds)) < len(kinds) or any(topic.changes or topic.receive_time for topic in table.topics):
+    if len(set(kinds)) < len(kinds) or any(
+        topic.changes or topic.receive_time for topic in table.topics
+    ):
         raise ConversionError(
-            f"the table {table.name!r} of the mapping {mapping.name!r} cannot be used for messages: "
+            f"the table {table.name!r} of the mapping {mapping.name!r} cannot be used for "
+            "messages: "
             "it may have each kind once, and neither 'changes' nor 'receive_time_ns'"
         )
     time = table.time
-    if time is not None and (time.unit is None or time.is_relative or time.date is not None or time.wraps):
+    if time is not None and (
+        time.unit is None or time.is_relative or time.date is not None or time.wraps
+    ):
         raise ConversionError(
-            f"the time of the table {table.name!r} of the mapping {mapping.name!r} cannot be used for messages: it must be a number "
-            "that counts since unix, gps, matlab, a date or a week; without a time, the header's stamps are taken"
+            f"the time of the table {table.name!r} of the mapping {mapping.name!r} cannot be used "
+            "for messages: it must be a number "
+            "that counts since unix, gps, matlab, a date or a week; without a time, the header's "
+            "stamps are taken"
         )
-    header = next((path for path, base in paths.items() if base == _HEADER and "." not in path), None)
+    header = next(
+        (path for path, base in paths.items() if base == _HEADER and "." not in path), None
+    )
 
     def read(fields: Fields) -> Said:
         parts = [_part(topic, fields) for topic in table.topics]
         return Said(parts, _stamp(table.time, header, fields))
 
-    about = {topic.kind: mapping.sources.get(f"source/{topic.source}", {}) for topic in table.topics}
-    names = {field.name for topic in table.topics if topic.kind == "gnss/pvt" for field in topic.fields}
-    side = "" if "lat_deg" in names and names & _VELOCITIES else "position" if "lat_deg" in names else "velocity" if names else ""
-    return Spec(kinds, read, side, {kind: {**record, "mapping": mapping.name} for kind, record in about.items()})
+    about = {
+        topic.kind: mapping.sources.get(f"source/{topic.source}", {}) for topic in table.topics
+    }
+    names = {
+        field.name for topic in table.topics if topic.kind == "gnss/pvt" for field in topic.fields
+    }
+    side = (
+        ""
+        if "lat_deg" in names and names & _VELOCITIES
+        else "position"
+        if "lat_deg" in names
+        else "velocity"
+        if names
+        else ""
+    )
+    return Spec(
+        kinds,
+        read,
+        side,
+        {kind: {**record, "mapping": mapping.name} for kind, record in about.items()},
+    )
 
 
 def _part(topic: "TopicSpec", fields: Fields) -> Part:
@@ -126,7 +180,11 @@ def _part(topic: "TopicSpec", fields: Fields) -> Part:
             chosen &= np.isin(_words(fields, path), words) == wanted
     if chosen.all():
         return Part(topic.kind, columns)
-    return Part(topic.kind, {name: values[chosen] for name, values in columns.items()}, np.flatnonzero(chosen))
+    return Part(
+        topic.kind,
+        {name: values[chosen] for name, values in columns.items()},
+        np.flatnonzero(chosen),
+    )
 
 
 def _values(spec: "FieldSpec", kind: str, fields: Fields) -> NDArray[np.float64] | NDArray[np.str_]:
@@ -144,7 +202,10 @@ def _values(spec: "FieldSpec", kind: str, fields: Fields) -> NDArray[np.float64]
     elif text:
         values = words
     else:
-        values = spec.unit.to_schema(fields.floats(path)) * (sign * (-1 if spec.negate else 1)) + spec.offset
+        values = (
+            spec.unit.to_schema(fields.floats(path)) * (sign * (-1 if spec.negate else 1))
+            + spec.offset
+        )
     return np.where(absent, "" if text else np.nan, values)
 
 
@@ -153,7 +214,11 @@ def _words(fields: Fields, path: str) -> NDArray[np.str_]:
     whole = fields.integers(path)
     if whole is not None:
         return whole.astype(str)
-    return fields.texts(path) if fields.texts(path).dtype.itemsize > 4 else fields.floats(path).astype(str)
+    return (
+        fields.texts(path)
+        if fields.texts(path).dtype.itemsize > 4
+        else fields.floats(path).astype(str)
+    )
 
 
 def _stamp(time: "TimeSpec | None", header: str | None, fields: Fields) -> Integers | None:
@@ -169,20 +234,34 @@ def _stamp(time: "TimeSpec | None", header: str | None, fields: Fields) -> Integ
     else:
         ticks = np.where(np.isnan(raw), 0, np.rint(raw * float(per_ns))).astype(np.int64)
     weeks = fields.integers(time.week) if time.week else None
-    own_ns: Integers = ticks + (GPS_EPOCH_NS if time.since_ns is None else time.since_ns) + (0 if weeks is None else weeks * WEEK_NS)
+    own_ns: Integers = (
+        ticks
+        + (GPS_EPOCH_NS if time.since_ns is None else time.since_ns)
+        + (0 if weeks is None else weeks * WEEK_NS)
+    )
     if time.scale == "utc":
         return own_ns
-    return own_ns - SECOND_NS * (leap_seconds_at_gps(own_ns - GPS_EPOCH_NS) if time.leap_seconds is None else time.leap_seconds)
+    return own_ns - SECOND_NS * (
+        leap_seconds_at_gps(own_ns - GPS_EPOCH_NS)
+        if time.leap_seconds is None
+        else time.leap_seconds
+    )
 
 
 def _embedded(paths: Mapping[str, str]) -> Spec | None:
     """Return how messages of a type are read that has messages of ROS among its fields."""
-    held = {path: EMBEDDED[base] for path, base in paths.items() if "." not in path and base in EMBEDDED}
+    held = {
+        path: EMBEDDED[base] for path, base in paths.items() if "." not in path and base in EMBEDDED
+    }
     kinds = [kind for spec in held.values() for kind in spec.kinds]
     if not held or len(set(kinds)) < len(kinds):
         return None
-    header = next((path for path, base in paths.items() if base == _HEADER and "." not in path), None)
-    return Spec(tuple(kinds), _reader(held, header), side="position" if kinds == ["gnss/pvt"] else "")
+    header = next(
+        (path for path, base in paths.items() if base == _HEADER and "." not in path), None
+    )
+    return Spec(
+        tuple(kinds), _reader(held, header), side="position" if kinds == ["gnss/pvt"] else ""
+    )
 
 
 def _reader(held: Mapping[str, Spec], header: str | None) -> Reader:
@@ -192,8 +271,19 @@ def _reader(held: Mapping[str, Spec], header: str | None) -> Reader:
         for path, spec in held.items():
             said = spec.read(fields.within(path))
             stamp = said.stamp_ns if stamp is None else stamp
-            good = ~np.any([mask for mask, _ in said.refusals], axis=0) if said.refusals else np.ones(len(fields), bool)
-            parts += [Part(part.kind, {name: v[good] for name, v in part.columns.items()}, np.flatnonzero(good)) for part in said.parts]
+            good = (
+                ~np.any([mask for mask, _ in said.refusals], axis=0)
+                if said.refusals
+                else np.ones(len(fields), bool)
+            )
+            parts += [
+                Part(
+                    part.kind,
+                    {name: v[good] for name, v in part.columns.items()},
+                    np.flatnonzero(good),
+                )
+                for part in said.parts
+            ]
         return Said(parts, stamp)
 
     return read

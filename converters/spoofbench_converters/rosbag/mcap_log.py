@@ -1,7 +1,8 @@
 """ROS bags in MCAP: messages in bag order, by topic, read around damage.
 
-After the format's specification (mcap.dev/spec): a file is records, messages are records within chunks or between them.
-The summary and the indexes are hints that are verified: a bag that was never closed has no summary.
+After the format's specification (mcap.dev/spec): a file is records, messages are records within
+chunks or between them. The summary and the indexes are hints that are verified: a bag that was
+never closed has no summary.
 """
 
 import struct
@@ -51,7 +52,9 @@ _Integers = NDArray[np.int64]
 
 @dataclass(slots=True)
 class _Pending:
-    """A chunk: where its content is in the file, and where its index says that messages start in it."""
+    """A chunk: where its content is in the file, and where its index says that messages start in
+    it.
+    """
 
     at: int
     size: int
@@ -122,15 +125,25 @@ class McapLog(ChunkedLog):
 
     def _read_summary(self) -> bool:
         """Learn the topics from the end of the file; return whether they are there."""
-        tail = self._read(max(self._bytes - len(MAGIC) - _FOOTER_BYTES - HEAD.size, 0), _FOOTER_BYTES + HEAD.size + len(MAGIC))
-        if len(tail) < _FOOTER_BYTES + HEAD.size + len(MAGIC) or not tail.endswith(MAGIC) or tail[0] != Opcode.FOOTER:
+        tail = self._read(
+            max(self._bytes - len(MAGIC) - _FOOTER_BYTES - HEAD.size, 0),
+            _FOOTER_BYTES + HEAD.size + len(MAGIC),
+        )
+        if (
+            len(tail) < _FOOTER_BYTES + HEAD.size + len(MAGIC)
+            or not tail.endswith(MAGIC)
+            or tail[0] != Opcode.FOOTER
+        ):
             return False
         footer = Footer.read(ReadDataStream(BytesIO(tail[HEAD.size : HEAD.size + _FOOTER_BYTES])))
         size = self._bytes - len(MAGIC) - _FOOTER_BYTES - HEAD.size - footer.summary_start
         if not footer.summary_start or not 0 < size <= MAX_SUMMARY_BYTES:
             return False
         summary = self._read(footer.summary_start, size)
-        if footer.summary_crc and zlib.crc32(tail[: HEAD.size + 16], zlib.crc32(summary)) != footer.summary_crc:
+        if (
+            footer.summary_crc
+            and zlib.crc32(tail[: HEAD.size + 16], zlib.crc32(summary)) != footer.summary_crc
+        ):
             return False
         starts, end = walk(summary)
         channels = 0
@@ -144,7 +157,9 @@ class McapLog(ChunkedLog):
         return end == len(summary) and bool(self._channels) and len(self._channels) >= channels
 
     def _records(self, at: int) -> Iterator[tuple[int, int, int] | Lost]:
-        """Yield opcode, place and size of the content of the file's records from a place on, and where there is something else."""
+        """Yield opcode, place and size of the content of the file's records from a place on, and
+        where there is something else.
+        """
         while at < self._bytes:
             opcode, size = self._head(at)
             if self._bytes - at == len(MAGIC) and self._read(at, len(MAGIC)) == MAGIC:
@@ -158,7 +173,10 @@ class McapLog(ChunkedLog):
             if opcode == Opcode.CHUNK and size > CHUNK.size:  # cut off, or a length that is wrong
                 yield opcode, begin, found - begin
             else:
-                yield Lost(1, "the bag is damaged here" if found < self._bytes else "the bag is cut off here")
+                yield Lost(
+                    1,
+                    "the bag is damaged here" if found < self._bytes else "the bag is cut off here",
+                )
             at = found
 
     def _head(self, at: int) -> tuple[int, int]:
@@ -169,7 +187,9 @@ class McapLog(ChunkedLog):
         return int(opcode), int(size)
 
     def _find(self, at: int) -> int:
-        """Return where the next records start that follow one another, the end of the file if nowhere."""
+        """Return where the next records start that follow one another, the end of the file if
+        nowhere.
+        """
         while at < self._bytes:
             window = np.frombuffer(self._read(at, WINDOW_BYTES + HEAD.size), np.uint8)
             for place in candidates(window).tolist():
@@ -182,7 +202,11 @@ class McapLog(ChunkedLog):
         """Whether records follow one another from here."""
         for _ in range(CHAIN):
             opcode, size = self._head(at)
-            if opcode not in KNOWN or at + HEAD.size + size > self._bytes or size < LEAST.get(opcode, 0):
+            if (
+                opcode not in KNOWN
+                or at + HEAD.size + size > self._bytes
+                or size < LEAST.get(opcode, 0)
+            ):
                 return False
             at += HEAD.size + size
             if opcode == Opcode.FOOTER or at == self._bytes:
@@ -206,17 +230,23 @@ class McapLog(ChunkedLog):
         schema = self._schemas.get(channel.schema_id)
         kind, form, data = (schema.name, schema.encoding, schema.data) if schema else ("?", "", b"")
         text = data.decode("utf-8", "replace") if form in ("ros2msg", "ros1msg", "ros2idl") else ""
-        self._channels[channel.id] = self.topic_number(channel.topic, normal_name(kind), channel.message_encoding, text, form)
+        self._channels[channel.id] = self.topic_number(
+            channel.topic, normal_name(kind), channel.message_encoding, text, form
+        )
 
     def _offsets(self, at: int, size: int) -> _Integers:
-        entries = np.frombuffer(self._read(at + 6, min(size, MAX_CHUNK_BYTES) - 6 if size > 6 else 0), np.uint8)
+        entries = np.frombuffer(
+            self._read(at + 6, min(size, MAX_CHUNK_BYTES) - 6 if size > 6 else 0), np.uint8
+        )
         return entries[: entries.size // 16 * 16].view("<u8")[1::2].astype(np.int64)
 
     def _loose(self, records: list[tuple[int, int]]) -> Messages:
         """Return messages that lie between the chunks, one after the other."""
         begin, (last, size) = records[0][0] - HEAD.size, records[-1]
         octets = np.frombuffer(self._read(begin, last + size - begin), np.uint8)
-        return self._messages(octets, np.array([at for at, _ in records], np.int64) - HEAD.size - begin)
+        return self._messages(
+            octets, np.array([at for at, _ in records], np.int64) - HEAD.size - begin
+        )
 
     def _chunk(self, pending: _Pending) -> Iterator[Messages | Lost]:
         """Yield a chunk's messages, and what of it is lost."""
@@ -224,7 +254,10 @@ class McapLog(ChunkedLog):
         content = self._read(pending.at, min(pending.size, MAX_CHUNK_BYTES))
         head = chunk_head(content)
         if head is None or pending.size > MAX_CHUNK_BYTES:
-            yield Lost(max(declared, 1), f"the chunk does not have a size of at most {MAX_CHUNK_BYTES:,} bytes")
+            yield Lost(
+                max(declared, 1),
+                f"the chunk does not have a size of at most {MAX_CHUNK_BYTES:,} bytes",
+            )
             return
         size, crc, packing, data = head
         unpacked, wrong = unpack(data, packing, size)
@@ -238,7 +271,12 @@ class McapLog(ChunkedLog):
         if starts is None:
             starts, gaps = walk_on(unpacked, self._channels)
             for start in starts[octets[starts] != Opcode.MESSAGE].tolist():
-                self._learn(int(octets[start]), unpacked[start + HEAD.size : start + HEAD.size + HEAD.unpack_from(unpacked, start)[1]])
+                self._learn(
+                    int(octets[start]),
+                    unpacked[
+                        start + HEAD.size : start + HEAD.size + HEAD.unpack_from(unpacked, start)[1]
+                    ],
+                )
             starts = starts[octets[starts] == Opcode.MESSAGE]
         messages = self._messages(octets, starts)
         yield messages
@@ -250,5 +288,9 @@ class McapLog(ChunkedLog):
         lengths = gather(octets, "<u8", starts + 1)
         channels, stamps = gather(octets, "<u2", starts + 9), gather(octets, "<u8", starts + 15)
         known, inverse = np.unique(channels, return_inverse=True)
-        numbers = np.array([self._channels.get(channel, -1) for channel in known.tolist()], np.int64)[inverse]
-        return Messages(octets, numbers, stamps, starts + HEAD.size + MESSAGE_BYTES, lengths - MESSAGE_BYTES)
+        numbers = np.array(
+            [self._channels.get(channel, -1) for channel in known.tolist()], np.int64
+        )[inverse]
+        return Messages(
+            octets, numbers, stamps, starts + HEAD.size + MESSAGE_BYTES, lengths - MESSAGE_BYTES
+        )

@@ -1,7 +1,9 @@
-"""What the message types of ROS say: sensor_msgs, geometry_msgs, nav_msgs, and GPSFix of gps_common and gps_msgs.
+"""What the message types of ROS say: sensor_msgs, geometry_msgs, nav_msgs, and GPSFix of gps_common
+and gps_msgs.
 
-Units and frames are those that the definitions' comments and REP 103 and 105 (ros.org/reps) declare. Northings are a
-twist's y, eastings its x, for REP 103 lays geographic axes east, north, up.
+Units and frames are those that the definitions' comments and REP 103 and 105 (ros.org/reps)
+declare. Northings are a twist's y, eastings its x, for REP 103 lays geographic axes east, north,
+up.
 """
 
 from collections.abc import Callable, Mapping
@@ -57,17 +59,24 @@ def _vector(fields: Fields, path: str, names: str, scale: float = 1.0) -> Column
     return {names.format(axis): fields.floats(f"{path}.{axis}", scale) for axis in "xyz"}
 
 
-def _said_to_be_absent(fields: Fields, covariance: str) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _said_to_be_absent(
+    fields: Fields, covariance: str
+) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """Which messages say by a first covariance of -1 that they have no such values."""
     values = fields.array(covariance, 9)
     return np.zeros(len(fields), bool) if values is None else values[:, 0] == -1
 
 
 def imu(fields: Fields) -> Said:
-    """Return specific force and angular rate of sensor_msgs/Imu, without those that it says it does not have."""
+    """Return specific force and angular rate of sensor_msgs/Imu, without those that it says it does
+    not have.
+    """
     accel = _vector(fields, "linear_acceleration", "accel_{}_mps2")
     gyro = _vector(fields, "angular_velocity", "gyro_{}_radps")
-    for columns, covariance in ((accel, "linear_acceleration_covariance"), (gyro, "angular_velocity_covariance")):
+    for columns, covariance in (
+        (accel, "linear_acceleration_covariance"),
+        (gyro, "angular_velocity_covariance"),
+    ):
         absent = _said_to_be_absent(fields, covariance)
         columns.update({name: np.where(absent, np.nan, values) for name, values in columns.items()})
     columns = {**accel, **gyro}
@@ -86,11 +95,17 @@ def mag(fields: Fields) -> Said:
 def baro(fields: Fields) -> Said:
     """Return the pressure of sensor_msgs/FluidPressure."""
     pressure = fields.floats("fluid_pressure")
-    return Said([Part("baro", {"pressure_pa": pressure})], fields.stamp_ns(), [(np.isnan(pressure), "it holds no pressure")])
+    return Said(
+        [Part("baro", {"pressure_pa": pressure})],
+        fields.stamp_ns(),
+        [(np.isnan(pressure), "it holds no pressure")],
+    )
 
 
 def time_reference(fields: Fields) -> Said:
-    """Return how far the time of sensor_msgs/TimeReference is ahead of the host's, by which its header is stamped."""
+    """Return how far the time of sensor_msgs/TimeReference is ahead of the host's, by which its
+    header is stamped.
+    """
     host, reference = fields.stamp_ns(), fields.stamp_ns("time_ref")
     if host is None or reference is None:
         return Said([], None, [(np.ones(len(fields), bool), "it holds no time")])
@@ -100,14 +115,24 @@ def time_reference(fields: Fields) -> Said:
 
 def nav_sat_fix(fields: Fields) -> Said:
     """Return the position of sensor_msgs/NavSatFix: WGS 84, altitude above the ellipsoid."""
-    columns = {"lat_deg": fields.floats("latitude"), "lon_deg": fields.floats("longitude"), "height_m": fields.floats("altitude")}
+    columns = {
+        "lat_deg": fields.floats("latitude"),
+        "lon_deg": fields.floats("longitude"),
+        "height_m": fields.floats("altitude"),
+    }
     fixed, refusals = _fix(fields, columns)
     return Said([Part("gnss/pvt", {**fixed, **_covariance(fields)})], fields.stamp_ns(), refusals)
 
 
 def gps_fix(fields: Fields) -> Said:
-    """Return what gps_common/GPSFix says of the solution and, through its status, of the satellites."""
-    columns = {"lat_deg": fields.floats("latitude"), "lon_deg": fields.floats("longitude"), "height_msl_m": fields.floats("altitude")}
+    """Return what gps_common/GPSFix says of the solution and, through its status, of the
+    satellites.
+    """
+    columns = {
+        "lat_deg": fields.floats("latitude"),
+        "lon_deg": fields.floats("longitude"),
+        "height_msl_m": fields.floats("altitude"),
+    }
     fixed, refusals = _fix(fields, columns)
     more = {
         "course_deg": fields.floats("track"),
@@ -145,17 +170,28 @@ def twist(prefix: str) -> Reader:
         if covariance is not None:
             matrix = covariance.reshape(-1, 6, 6)[:, :3, :3].reshape(-1, 9)
             known = (matrix[:, [0, 4, 8]] > 0).all(axis=1)
-            columns |= {f"cov_vel_{axes}_m2ps2": np.where(known, sign * matrix[:, place], np.nan) for axes, place, sign in _ENU_TO_NED}
+            columns |= {
+                f"cov_vel_{axes}_m2ps2": np.where(known, sign * matrix[:, place], np.nan)
+                for axes, place, sign in _ENU_TO_NED
+            }
         nothing = np.isnan(columns["vel_n_mps"]) & np.isnan(columns["vel_e_mps"])
-        return Said([Part("gnss/pvt", columns)], fields.stamp_ns(), [(nothing, "it holds no velocity")])
+        return Said(
+            [Part("gnss/pvt", columns)], fields.stamp_ns(), [(nothing, "it holds no velocity")]
+        )
 
     return read
 
 
 def odometry(fields: Fields) -> Said:
-    """Return the speed along the x axis of a vehicle's frame, which REP 103 lays forward, of nav_msgs/Odometry."""
+    """Return the speed along the x axis of a vehicle's frame, which REP 103 lays forward, of
+    nav_msgs/Odometry.
+    """
     speed = fields.floats("twist.twist.linear.x")
-    return Said([Part("odometer", {"speed_mps": speed})], fields.stamp_ns(), [(np.isnan(speed), "it holds no speed")])
+    return Said(
+        [Part("odometer", {"speed_mps": speed})],
+        fields.stamp_ns(),
+        [(np.isnan(speed), "it holds no speed")],
+    )
 
 
 def _fix(fields: Fields, columns: Columns) -> tuple[Columns, list[Refusal]]:
@@ -170,19 +206,26 @@ def _fix(fields: Fields, columns: Columns) -> tuple[Columns, list[Refusal]]:
         types[(status == 0) & np.isnan(height)] = gnss_pb2.FIX_TYPE_2D
         empty = (status == _NO_FIX) & (lat == 0) & (lon == 0)
         columns = {name: np.where(empty, np.nan, values) for name, values in columns.items()}
-    return {**columns, "fix_type": types}, [((np.abs(lat) > 90) | (np.abs(lon) > 360), _OFF_THE_GLOBE)]
+    return {**columns, "fix_type": types}, [
+        ((np.abs(lat) > 90) | (np.abs(lon) > 360), _OFF_THE_GLOBE)
+    ]
 
 
 def _covariance(fields: Fields) -> Columns:
     """Return the position covariance in NED as far as its type says that it is known."""
-    given, kinds = fields.array("position_covariance", 9), fields.integers("position_covariance_type")
+    given, kinds = (
+        fields.array("position_covariance", 9),
+        fields.integers("position_covariance_type"),
+    )
     if given is None or kinds is None:
         return {f"cov_{axes}_m2": np.full(len(fields), np.nan) for axes, _, _ in _ENU_TO_NED}
     can_be = (given[:, [0, 4, 8]] >= 0).all(axis=1)
     whole = can_be & (kinds == _KNOWN)
     diagonal = whole | can_be & np.isin(kinds, (_APPROXIMATED, _DIAGONAL_KNOWN))
     return {
-        f"cov_{axes}_m2": np.where(diagonal if axes in _DIAGONAL else whole, sign * given[:, place], np.nan)
+        f"cov_{axes}_m2": np.where(
+            diagonal if axes in _DIAGONAL else whole, sign * given[:, place], np.nan
+        )
         for axes, place, sign in _ENU_TO_NED
     }
 
@@ -193,13 +236,19 @@ def _above_zero(values: Floats) -> Floats:
 
 
 def _signals(fields: Fields, prefix: str) -> Part:
-    """Return a row per satellite in view; the numbers are gpsd's, in one series for all constellations."""
+    """Return a row per satellite in view; the numbers are gpsd's, in one series for all
+    constellations.
+    """
     ids = fields.array(f"{prefix}satellite_visible_prn")
     count = 0 if ids is None else ids.shape[1]
     ids = np.zeros((len(fields), 0)) if ids is None else ids
     constellation, svid = _constellations(ids.reshape(-1))
     used = fields.array(f"{prefix}satellite_used_prn")
-    in_use = np.zeros(ids.shape, bool) if used is None else (ids[:, :, None] == used[:, None, :]).any(axis=2)
+    in_use = (
+        np.zeros(ids.shape, bool)
+        if used is None
+        else (ids[:, :, None] == used[:, None, :]).any(axis=2)
+    )
 
     def per_satellite(name: str) -> Floats:
         values = fields.array(f"{prefix}satellite_visible_{name}", count)
@@ -217,7 +266,9 @@ def _signals(fields: Fields, prefix: str) -> Part:
 
 
 def _constellations(ids: Floats) -> tuple[Floats, Floats]:
-    """Return constellation and number within it of gpsd's satellite numbers that NMEA 0183 defines; of others, the number alone."""
+    """Return constellation and number within it of gpsd's satellite numbers that NMEA 0183 defines;
+    of others, the number alone.
+    """
     constellation, svid = np.full(ids.shape, np.nan), ids.copy()
     for first, last, which, less in (
         (1, 32, gnss_pb2.CONSTELLATION_GPS, 0),
@@ -241,7 +292,9 @@ _GPS_FIX = Spec(
         }
     },
 )
-_TWIST, _TWIST_COVARIANCE = (Spec(("gnss/pvt",), twist(prefix), "velocity") for prefix in ("twist.", "twist.twist."))
+_TWIST, _TWIST_COVARIANCE = (
+    Spec(("gnss/pvt",), twist(prefix), "velocity") for prefix in ("twist.", "twist.twist.")
+)
 
 STANDARD: Mapping[str, Spec] = MappingProxyType(
     {
@@ -254,12 +307,18 @@ STANDARD: Mapping[str, Spec] = MappingProxyType(
         "geometry_msgs/msg/TwistWithCovarianceStamped": _TWIST_COVARIANCE,
         "nav_msgs/msg/Odometry": Spec(("odometer",), odometry),
         **{f"{package}/msg/GPSFix": _GPS_FIX for package in ("gps_common", "gps_msgs")},
-        **{f"{package}/msg/GPSStatus": Spec(("gnss/signal",), gps_status) for package in ("gps_common", "gps_msgs")},
+        **{
+            f"{package}/msg/GPSStatus": Spec(("gnss/signal",), gps_status)
+            for package in ("gps_common", "gps_msgs")
+        },
     }
 )
 """By type."""
 
 EMBEDDED: Mapping[str, Spec] = MappingProxyType(
-    {f"sensor_msgs/msg/{name}": STANDARD[f"sensor_msgs/msg/{name}"] for name in ("Imu", "MagneticField", "FluidPressure", "NavSatFix")}
+    {
+        f"sensor_msgs/msg/{name}": STANDARD[f"sensor_msgs/msg/{name}"]
+        for name in ("Imu", "MagneticField", "FluidPressure", "NavSatFix")
+    }
 )
 """Those that are also read where messages of other types hold them."""

@@ -9,7 +9,9 @@ _DAMAGED = "the packed message cannot be unpacked to the size that a message has
 
 
 def unpacked_messages(slab: Slab) -> Slab:
-    """Return a slab with the messages unpacked of topics that are packed by zstd; those that cannot be are rejects."""
+    """Return a slab with the messages unpacked of topics that are packed by zstd; those that cannot
+    be are rejects.
+    """
     packed = [number for number, payloads in slab.wanted.items() if _is_packed(payloads)]
     if not packed:
         return slab
@@ -20,7 +22,11 @@ def unpacked_messages(slab: Slab) -> Slab:
         wanted[number] = unpacked
         if not good.all():
             refused.append(rejects(payloads.records[~good], _DAMAGED))
-    return Slab({number: payloads for number, payloads in wanted.items() if payloads.records.size}, slab.others, refused)
+    return Slab(
+        {number: payloads for number, payloads in wanted.items() if payloads.records.size},
+        slab.others,
+        refused,
+    )
 
 
 def _is_packed(payloads: Payloads) -> bool:
@@ -38,7 +44,11 @@ def _unpacked(payloads: Payloads) -> tuple[Payloads, np.ndarray[tuple[int], np.d
         packed = octets[start : start + length]
         try:
             # The declared size is allocated whatever the most may be.
-            message = unpacker.decompress(packed, MAX_MESSAGE_BYTES) if zstandard.frame_content_size(packed) <= MAX_MESSAGE_BYTES else None
+            message = (
+                unpacker.decompress(packed, MAX_MESSAGE_BYTES)
+                if zstandard.frame_content_size(packed) <= MAX_MESSAGE_BYTES
+                else None
+            )
         except zstandard.ZstdError:
             message = None
         joined += message or b""
@@ -47,4 +57,10 @@ def _unpacked(payloads: Payloads) -> tuple[Payloads, np.ndarray[tuple[int], np.d
     good = sizes >= 0
     sizes = sizes[good]
     places = np.cumsum(sizes) - sizes
-    return Payloads(np.frombuffer(bytes(joined), np.uint8), places, sizes, payloads.records[good], payloads.stamps_ns[good]), good
+    return Payloads(
+        np.frombuffer(bytes(joined), np.uint8),
+        places,
+        sizes,
+        payloads.records[good],
+        payloads.stamps_ns[good],
+    ), good

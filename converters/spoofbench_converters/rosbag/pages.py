@@ -1,8 +1,10 @@
-"""The messages of a bag straight from the pages of its SQLite database, many at a time, without an object for each.
+"""The messages of a bag straight from the pages of its SQLite database, many at a time, without an
+object for each.
 
-After the SQLite file format (sqlite.org/fileformat2.html, sections 1.3 and 1.5 to 2.2). SQLite itself opens the file,
-recovers or refuses it, holds its lock and says where the table is. Here only what a sound bag consists of is understood;
-at anything else reading ends, and whoever reads goes on with queries from the last message that was given.
+After the SQLite file format (sqlite.org/fileformat2.html, sections 1.3 and 1.5 to 2.2). SQLite
+itself opens the file, recovers or refuses it, holds its lock and says where the table is. Here only
+what a sound bag consists of is understood; at anything else reading ends, and whoever reads goes on
+with queries from the last message that was given.
 """
 
 import re
@@ -20,12 +22,17 @@ from spoofbench_converters.rosbag.slabs import MAX_MESSAGE_BYTES, SLAB_BYTES
 
 FIRST_KEY, LAST_KEY = -(2**63), 2**63 - 1
 
-_TABLE = b"CREATE TABLE messages ( id INTEGER PRIMARY KEY , topic_id INTEGER NOT NULL , timestamp INTEGER NOT NULL , data BLOB NOT NULL )"
+_TABLE = (
+    b"CREATE TABLE messages ( id INTEGER PRIMARY KEY , topic_id INTEGER NOT NULL , timestamp "
+    b"INTEGER NOT NULL , data BLOB NOT NULL )"
+)
 _INTERIOR, _LEAF = 5, 13  # types of a table's pages
 _MAX_DEPTH = 20  # as in SQLite
 _LOCK_BYTE = 2**30  # its page holds no data
 _HEADER_BYTES = 100
-_INTEGER_BYTES = np.array([-1, 1, 2, 3, 4, 6, 8, -1, 0, 0] + [-1] * 246)  # by serial type; 8 and 9 are the numbers 0 and 1
+_INTEGER_BYTES = np.array(
+    [-1, 1, 2, 3, 4, 6, 8, -1, 0, 0] + [-1] * 246
+)  # by serial type; 8 and 9 are the numbers 0 and 1
 _PADDING = 64  # more than the head of a cell
 
 _Integers = NDArray[np.int64]
@@ -39,13 +46,10 @@ class Unusual(Exception):
 class Cells:
     """Successive messages, where they lie.
 
-    Attributes:
-        octets: pages of the database.
-        keys: key of each message, increasing, ``(n,)``.
-        topics: number of each message's topic, ``(n,)``.
-        stamps_ns: when the recorder got each, ``(n,)``.
-        starts: where each message's bytes start in ``octets``, ``(n,)``.
-        lengths: bytes of each, ``(n,)``; of topics that are not wanted, they need not all be in ``octets``.
+    Attributes: octets: pages of the database. keys: key of each message, increasing, ``(n,)``.
+        topics: number of each message's topic, ``(n,)``. stamps_ns: when the recorder got each,
+        ``(n,)``. starts: where each message's bytes start in ``octets``, ``(n,)``. lengths: bytes
+        of each, ``(n,)``; of topics that are not wanted, they need not all be in ``octets``.
     """
 
     octets: NDArray[np.uint8]
@@ -70,7 +74,10 @@ class _Children:
 
 
 def _joined(parts: Sequence[_Children]) -> _Children:
-    return _Children(np.concatenate([part.pages for part in parts]), np.concatenate([part.keys for part in parts]))
+    return _Children(
+        np.concatenate([part.pages for part in parts]),
+        np.concatenate([part.keys for part in parts]),
+    )
 
 
 class Pages:
@@ -85,9 +92,14 @@ class Pages:
         """
         self._database = database
         definitions: list[Any] = database.execute(
-            "SELECT rootpage, CAST(sql AS BLOB) FROM sqlite_master WHERE sql LIKE '%messages%' AND sql NOT LIKE 'CREATE INDEX %'"
+            "SELECT rootpage, CAST(sql AS BLOB) FROM sqlite_master WHERE sql LIKE '%messages%' "
+            "AND sql NOT LIKE 'CREATE INDEX %'"
         ).fetchall()
-        if len(definitions) != 1 or _words(definitions[0][1]) != _words(_TABLE) or not isinstance(definitions[0][0], int):
+        if (
+            len(definitions) != 1
+            or _words(definitions[0][1]) != _words(_TABLE)
+            or not isinstance(definitions[0][0], int)
+        ):
             raise Unusual
         self._root = definitions[0][0]
         _, header = database.read("main", 0, 0, _HEADER_BYTES)
@@ -117,7 +129,9 @@ class Pages:
         most = max(SLAB_BYTES // self._page_bytes, 1)
         waiting: list[_Children] = []
         count = 0
-        for leaves in self._leaves(_Children(np.array([self._root]), np.array([LAST_KEY])), FIRST_KEY, 0):
+        for leaves in self._leaves(
+            _Children(np.array([self._root]), np.array([LAST_KEY])), FIRST_KEY, 0
+        ):
             waiting.append(leaves)
             count += leaves.pages.size
             if count >= most:
@@ -145,7 +159,9 @@ class Pages:
         octets[-_PADDING:] = 0
         runs = np.concatenate([[0], np.flatnonzero(np.diff(pages) != 1) + 1, [pages.size]]).tolist()
         for start, end in pairwise(runs):
-            whole, read = self._database.read("main", 0, (int(pages[start]) - 1) * size, (end - start) * size)
+            whole, read = self._database.read(
+                "main", 0, (int(pages[start]) - 1) * size, (end - start) * size
+            )
             if not whole:
                 raise Unusual
             octets[start * size : end * size] = np.frombuffer(read, np.uint8)
@@ -155,12 +171,23 @@ class Pages:
         octets = self._read(np.array([page]))
         starts, _ = self._pointers(octets, 1, _INTERIOR)
         keys, ends = _varints(octets, starts + 4)
-        if (np.diff(keys) <= 0).any() or keys[0] <= before or keys[-1] > last or (ends > self._usable).any():
+        if (
+            (np.diff(keys) <= 0).any()
+            or keys[0] <= before
+            or keys[-1] > last
+            or (ends > self._usable).any()
+        ):
             raise Unusual
-        pages = octets[np.concatenate([starts, [8]])[:, None] + np.arange(4)].view(">u4")[:, 0].astype(np.int64)
+        pages = (
+            octets[np.concatenate([starts, [8]])[:, None] + np.arange(4)]
+            .view(">u4")[:, 0]
+            .astype(np.int64)
+        )
         return _Children(pages, np.concatenate([keys, [last]]))
 
-    def _pointers(self, octets: NDArray[np.uint8], pages: int, kind: int) -> tuple[_Integers, _Integers]:
+    def _pointers(
+        self, octets: NDArray[np.uint8], pages: int, kind: int
+    ) -> tuple[_Integers, _Integers]:
         """Return where the cells of pages of one type start, and how many each page has."""
         size, first = self._page_bytes, 8 if kind == _LEAF else 12
         matrix = octets[: pages * size].reshape(pages, size)
@@ -168,7 +195,9 @@ class Pages:
         if (matrix[:, 0] != kind).any() or counts.min() < 1 or counts.max() > (size - 8) // 6:
             raise Unusual
         mine = np.arange(counts.max()) < counts[:, None]
-        places = matrix.view(">u2")[:, first // 2 : first // 2 + int(counts.max())][mine].astype(np.int64)
+        places = matrix.view(">u2")[:, first // 2 : first // 2 + int(counts.max())][mine].astype(
+            np.int64
+        )
         pages_of = np.repeat(np.arange(pages), counts)
         if (places < first + 2 * counts[pages_of]).any() or places.max() > self._usable - 4:
             raise Unusual
@@ -181,12 +210,18 @@ class Pages:
         keys, heads = _varints(octets, ends)
         last = np.cumsum(counts) - 1
         bounds = np.concatenate([[before], leaves.keys])
-        if (np.diff(keys) <= 0).any() or (keys[last - counts + 1] <= bounds[:-1]).any() or (keys[last] > leaves.keys).any():
+        if (
+            (np.diff(keys) <= 0).any()
+            or (keys[last - counts + 1] <= bounds[:-1]).any()
+            or (keys[last] > leaves.keys).any()
+        ):
             raise Unusual
         cells = _cells(octets, keys, heads, payloads)
         local = self._local(payloads)
         whole = (local == payloads) & (cells.lengths < MAX_MESSAGE_BYTES - _PADDING)
-        ends = heads + local + 4 * (local < payloads)  # the number of the page where the rest lies takes four bytes
+        ends = (
+            heads + local + 4 * (local < payloads)
+        )  # the number of the page where the rest lies takes four bytes
         page_ends = np.repeat(np.arange(counts.size) * self._page_bytes + self._usable, counts)
         if (ends > page_ends).any() or np.isin(cells.topics[~whole], wanted).any():
             raise Unusual
@@ -205,8 +240,12 @@ def _words(sql: bytes) -> list[bytes]:
     return re.findall(rb"\w+|[^\s\w]", sql.upper())
 
 
-def _cells(octets: NDArray[np.uint8], keys: _Integers, heads: _Integers, payloads: _Integers) -> Cells:
-    """Return messages whose records start at these places and have so many bytes: no key, two whole numbers, bytes."""
+def _cells(
+    octets: NDArray[np.uint8], keys: _Integers, heads: _Integers, payloads: _Integers
+) -> Cells:
+    """Return messages whose records start at these places and have so many bytes: no key, two whole
+    numbers, bytes.
+    """
     topic_types, stamp_types = octets[heads + 2], octets[heads + 3]
     data_types, ends = _varints(octets, heads + 4)
     if (octets[heads] != ends - heads).any() or octets[heads + 1].any() or (data_types & 1).any():
@@ -234,8 +273,12 @@ def _varints(octets: NDArray[np.uint8], starts: _Integers) -> tuple[_Integers, _
     raise Unusual
 
 
-def _integers(octets: NDArray[np.uint8], starts: _Integers, types: NDArray[np.uint8]) -> tuple[_Integers, _Integers]:
-    """Return the signed numbers of these serial types that start at these places, and where they end."""
+def _integers(
+    octets: NDArray[np.uint8], starts: _Integers, types: NDArray[np.uint8]
+) -> tuple[_Integers, _Integers]:
+    """Return the signed numbers of these serial types that start at these places, and where they
+    end.
+    """
     sizes = _INTEGER_BYTES[types]
     if sizes.min() < 0:
         raise Unusual

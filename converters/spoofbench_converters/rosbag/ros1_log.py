@@ -1,8 +1,8 @@
 """ROS 1 bags, version 2.0: messages in bag order, by topic, read around damage.
 
-After the format's description (wiki.ros.org/Bags/Format/2.0): a file is records, a record a header of ``name=value``
-fields and data; connections and messages are records within chunks. Indexes are hints that are verified: a bag
-that was never closed has none.
+After the format's description (wiki.ros.org/Bags/Format/2.0): a file is records, a record a header
+of ``name=value`` fields and data; connections and messages are records within chunks. Indexes are
+hints that are verified: a bag that was never closed has none.
 """
 
 from collections.abc import Iterator
@@ -76,7 +76,10 @@ class Ros1Log(ChunkedLog):
         self._connections: dict[int, int] = {}
         if self._file.read(len(MAGIC)) != MAGIC:
             self._file.close()
-            raise ConversionError(f"{path.name!r} is a ROS 1 bag of another version than 2.0; bring it up to date with `rosbag fix`")
+            raise ConversionError(
+                f"{path.name!r} is a ROS 1 bag of another version than 2.0; bring it up to date "
+                "with `rosbag fix`"
+            )
         if not self._read_index():
             for _ in self.parts():
                 pass
@@ -110,7 +113,10 @@ class Ros1Log(ChunkedLog):
         bag = self._record_at(len(MAGIC))
         if bag is None or bag.op != _BAG:
             return False
-        start, count = number_of(bag.fields, b"index_pos", 8), number_of(bag.fields, b"conn_count", 4)
+        start, count = (
+            number_of(bag.fields, b"index_pos", 8),
+            number_of(bag.fields, b"conn_count", 4),
+        )
         if not start or start > self._bytes:
             return False
         messages = 0
@@ -131,7 +137,10 @@ class Ros1Log(ChunkedLog):
             record = self._record_at(at)
             if record is None:
                 found = self._find(at + 1, frozenset({_INDEX, _CHUNK, _INFO, CONNECTION}))
-                yield Lost(1, "the bag is damaged here" if found < self._bytes else "the bag is cut off here")
+                yield Lost(
+                    1,
+                    "the bag is damaged here" if found < self._bytes else "the bag is cut off here",
+                )
                 at = found
                 continue
             end = record.data_at + record.size
@@ -153,13 +162,17 @@ class Ros1Log(ChunkedLog):
             return None
         op = fields[b"op"][0]
         return (
-            _Record(op, fields, at + 8 + length, int.from_bytes(header[length : length + 4], "little"))
+            _Record(
+                op, fields, at + 8 + length, int.from_bytes(header[length : length + 4], "little")
+            )
             if MESSAGE <= op <= CONNECTION
             else None
         )
 
     def _find(self, at: int, ops: frozenset[int]) -> int:
-        """Return where the next record of such an operation starts, the end of the file if nowhere."""
+        """Return where the next record of such an operation starts, the end of the file if
+        nowhere.
+        """
         while at < self._bytes:
             self._file.seek(at)
             window = self._file.read(_WINDOW_BYTES + 64)
@@ -186,9 +199,15 @@ class Ros1Log(ChunkedLog):
             return
         name, kind, text = (
             value.decode("utf-8", "replace")
-            for value in (fields.get(b"topic", b"?"), about.get(b"type", b"?"), about.get(b"message_definition", b""))
+            for value in (
+                fields.get(b"topic", b"?"),
+                about.get(b"type", b"?"),
+                about.get(b"message_definition", b""),
+            )
         )
-        self._connections.setdefault(number, self.topic_number(name, normal_name(kind), "ros1", text, "ros1msg"))
+        self._connections.setdefault(
+            number, self.topic_number(name, normal_name(kind), "ros1", text, "ros1msg")
+        )
 
     def _chunk(self, pending: _Pending) -> Iterator[Messages | Lost]:
         """Yield a chunk's messages, and what of it is lost."""
@@ -196,7 +215,10 @@ class Ros1Log(ChunkedLog):
         declared = sum(part.size for part in pending.offsets)
         size = number_of(record.fields, b"size", 4)
         if size is None or max(size, record.size) > MAX_CHUNK_BYTES:
-            yield Lost(max(declared, 1), f"the chunk does not have a size of at most {MAX_CHUNK_BYTES:,} bytes")
+            yield Lost(
+                max(declared, 1),
+                f"the chunk does not have a size of at most {MAX_CHUNK_BYTES:,} bytes",
+            )
             return
         packing = record.fields.get(b"compression", b"none").decode("ascii", "replace")
         unpacked, wrong = unpack(self._data(record, MAX_CHUNK_BYTES), packing, size)
@@ -213,13 +235,19 @@ class Ros1Log(ChunkedLog):
             yield Lost(lost, f"the chunk is damaged: {wrong}" if wrong else _DAMAGED)
 
     def _messages(self, octets: NDArray[np.uint8], starts: _Integers) -> tuple[Messages, int]:
-        """Return the messages among records of a chunk, and how many are neither message nor connection; learn of the connections."""
+        """Return the messages among records of a chunk, and how many are neither message nor
+        connection; learn of the connections.
+        """
         parts: list[tuple[_Integers, _Integers, _Integers]] = []
         lengths, strange = gather(octets, "<u4", starts), 0
         for length in np.unique(lengths).tolist():
             index = np.flatnonzero(lengths == length)
             while index.size:
-                heads = windows(octets, length)[starts[index] + 4].view(np.uint8).reshape(index.size, length)
+                heads = (
+                    windows(octets, length)[starts[index] + 4]
+                    .view(np.uint8)
+                    .reshape(index.size, length)
+                )
                 fields = fields_of(heads[0].tobytes()) or {}
                 if is_message(fields) and len(parts) < _MAX_HEADS:
                     conns, stamps, same = heads_of(heads)
@@ -239,5 +267,9 @@ class Ros1Log(ChunkedLog):
         index, conns, stamps = index[order], conns[order], stamps[order]
         payloads = starts[index] + 8 + lengths[index]
         known, inverse = np.unique(conns, return_inverse=True)
-        numbers = np.array([self._connections.get(conn, -1) for conn in known.tolist()], np.int64)[inverse]
-        return Messages(octets, numbers, stamps, payloads, gather(octets, "<u4", payloads - 4)), strange
+        numbers = np.array([self._connections.get(conn, -1) for conn in known.tolist()], np.int64)[
+            inverse
+        ]
+        return Messages(
+            octets, numbers, stamps, payloads, gather(octets, "<u4", payloads - 4)
+        ), strange

@@ -1,4 +1,5 @@
-"""Records of ROS 1 bags within bytes: walked, found again after damage, and those that an index names verified.
+"""Records of ROS 1 bags within bytes: walked, found again after damage, and those that an index
+names verified.
 
 After the format's description (wiki.ros.org/Bags/Format/2.0).
 """
@@ -24,7 +25,11 @@ Fields = Mapping[bytes, bytes]
 
 
 def is_message(fields: Fields) -> bool:
-    return fields.get(b"op") == bytes([MESSAGE]) and len(fields.get(b"conn", b"")) == 4 and len(fields.get(b"time", b"")) == 8
+    return (
+        fields.get(b"op") == bytes([MESSAGE])
+        and len(fields.get(b"conn", b"")) == 4
+        and len(fields.get(b"time", b"")) == 8
+    )
 
 
 def fields_of(header: bytes) -> Fields | None:
@@ -54,11 +59,15 @@ def data_of(octets: NDArray[np.uint8], start: int) -> bytes:
 
 
 def heads_of(heads: NDArray[np.uint8]) -> tuple[_Integers, _Integers, NDArray[np.bool_]]:
-    """Return connection and stamp of those message headers that are laid out as the first is, and which those are."""
+    """Return connection and stamp of those message headers that are laid out as the first is, and
+    which those are.
+    """
     first = heads[0].tobytes()
     values = {name: first.index(name + b"=") + len(name) + 1 for name in (b"conn", b"time")}
     fixed = np.ones(heads.shape[1], bool)
-    fixed[values[b"conn"] : values[b"conn"] + 4] = fixed[values[b"time"] : values[b"time"] + 8] = False
+    fixed[values[b"conn"] : values[b"conn"] + 4] = fixed[values[b"time"] : values[b"time"] + 8] = (
+        False
+    )
     same = (heads[:, fixed] == heads[0, fixed]).all(axis=1)
     mine = heads[same]
     conns, seconds, nanoseconds = (
@@ -69,7 +78,9 @@ def heads_of(heads: NDArray[np.uint8]) -> tuple[_Integers, _Integers, NDArray[np
 
 
 def indexed(octets: NDArray[np.uint8], offsets: list[_Integers]) -> _Integers | None:
-    """Return where the index says that messages start if that is all there is in the chunk, else None."""
+    """Return where the index says that messages start if that is all there is in the chunk, else
+    None.
+    """
     starts = np.sort(np.concatenate(offsets)) if offsets else np.empty(0, np.int64)
     if not starts.size or starts[0] or starts[-1] > octets.size - 8:
         return None
@@ -81,7 +92,9 @@ def indexed(octets: NDArray[np.uint8], offsets: list[_Integers]) -> _Integers | 
 
 
 def walk(octets: bytes) -> tuple[_Integers, int]:
-    """Walk a chunk's records; return where they start, and at how many places there is something else."""
+    """Walk a chunk's records; return where they start, and at how many places there is something
+    else.
+    """
     starts, at, gaps, end = [], 0, 0, len(octets)
     while at < end:
         data = at + 4 + _U4.unpack_from(octets, at)[0] if at + 8 <= end else end
@@ -101,6 +114,10 @@ def _next(octets: bytes, at: int) -> int:
         start = match.start()
         length = _U4.unpack_from(octets, start)[0]
         fields = fields_of(octets[start + 4 : start + 4 + length])
-        if fields and fields.get(b"op") in (bytes([MESSAGE]), bytes([CONNECTION])) and b"conn" in fields:
+        if (
+            fields
+            and fields.get(b"op") in (bytes([MESSAGE]), bytes([CONNECTION]))
+            and b"conn" in fields
+        ):
             return start
     return len(octets)

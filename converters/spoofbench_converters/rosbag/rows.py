@@ -1,4 +1,6 @@
-"""From messages that say rows of kinds to blocks: ordering, and joining a receiver's position and velocity."""
+"""From messages that say rows of kinds to blocks: ordering, and joining a receiver's position and
+velocity.
+"""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -16,10 +18,18 @@ JOIN_NS = 10_000_000_000
 
 
 def block(source: str, kind: str, rows: Columns) -> Block:
-    """Return rows as a block; it used as many messages as their ``units`` say, else one for each."""
-    columns = {name: _column(KINDS[kind].fields[name].category, rows[name]) for name in KINDS[kind].fields if name in rows}
+    """Return rows as a block; it used as many messages as their ``units`` say, else one for
+    each.
+    """
+    columns = {
+        name: _column(KINDS[kind].fields[name].category, rows[name])
+        for name in KINDS[kind].fields
+        if name in rows
+    }
     table = Table(kind, rows["time_ns"], columns)
-    return Block(topic_of(source, kind), table, int(rows["units"].sum()) if "units" in rows else len(table))
+    return Block(
+        topic_of(source, kind), table, int(rows["units"].sum()) if "units" in rows else len(table)
+    )
 
 
 def _column(category: str, values: NDArray[Any]) -> Any:
@@ -39,7 +49,9 @@ class RowStream:
         self._order = InOrder()
 
     def push(self, side: str, rows: Columns) -> Iterator[Block | Rejects]:
-        """Take the next rows in bag order; they bear ``time_ns``, ``receive_time_ns``, ``record`` and ``units`` besides."""
+        """Take the next rows in bag order; they bear ``time_ns``, ``receive_time_ns``, ``record``
+        and ``units`` besides.
+        """
         del side
         yield from self._blocks(*self._order.push(rows))
 
@@ -60,10 +72,16 @@ class RowStream:
 class PairStream:
     """Positions and velocities of one receiver, joined where their times are equal.
 
-    One without its counterpart becomes a row of its own once the other side is ahead, or 10 s behind.
+    One without its counterpart becomes a row of its own once the other side is ahead, or 10 s
+    behind.
     """
 
-    def __init__(self, source: str, device: str | None = None, sides: Sequence[str] = ("position", "velocity")) -> None:
+    def __init__(
+        self,
+        source: str,
+        device: str | None = None,
+        sides: Sequence[str] = ("position", "velocity"),
+    ) -> None:
         """Take the source, what the receiver is called in rejects, and the sides that there are."""
         self.source = source
         self._where = device or f"/{source}/gnss/pvt"
@@ -78,7 +96,11 @@ class PairStream:
     def settle(self) -> Iterator[Block | Rejects]:
         """See :meth:`RowStream.settle`."""
         if self._latest_ns:
-            both = min(self._latest_ns.values()) if len(self._latest_ns) == len(self._order) else np.iinfo(np.int64).min
+            both = (
+                min(self._latest_ns.values())
+                if len(self._latest_ns) == len(self._order)
+                else np.iinfo(np.int64).min
+            )
             yield from self._join(max(both, max(self._latest_ns.values()) - JOIN_NS))
 
     def finish(self) -> Iterator[Block | Rejects]:
@@ -103,7 +125,11 @@ class PairStream:
         parts = [part for part in parts if part["time_ns"].size]
         if parts:
             rows = outer_join(parts[0], parts[1]) if len(parts) == 2 else parts[0]
-            yield block(self.source, "gnss/pvt", {**rows, "units": np.concatenate([part["units"] for part in parts])})
+            yield block(
+                self.source,
+                "gnss/pvt",
+                {**rows, "units": np.concatenate([part["units"] for part in parts])},
+            )
 
 
 def refused_rows(rows: Columns, where: str) -> Iterator[Rejects]:
@@ -118,7 +144,9 @@ def outer_join(first: Columns, second: Columns) -> Columns:
 
     Rows of equal time on one side are matched by their order.
     """
-    keys = [np.stack([part["time_ns"], _occurrence(part["time_ns"])], 1) for part in (first, second)]
+    keys = [
+        np.stack([part["time_ns"], _occurrence(part["time_ns"])], 1) for part in (first, second)
+    ]
     epochs, inverse = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
     places = np.split(inverse.reshape(-1), [len(keys[0])])
     joined: Columns = {"time_ns": epochs[:, 0]}

@@ -1,4 +1,6 @@
-"""The session of all messages that say by themselves what they hold: those of ROS, and those that a mapping describes."""
+"""The session of all messages that say by themselves what they hold: those of ROS, and those that a
+mapping describes.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -68,7 +70,9 @@ class Sensors:
                         stream = pairs.setdefault(outlet.source, PairStream(outlet.source))
                     self._streams[(topic.number, outlet.kind)] = stream
 
-    def take(self, topic: Topic, groups: Sequence[Group], payloads: Payloads) -> Iterator[Block | Reject | Rejects]:
+    def take(
+        self, topic: Topic, groups: Sequence[Group], payloads: Payloads
+    ) -> Iterator[Block | Reject | Rejects]:
         """See :class:`spoofbench_converters.rosbag.family.Session`."""
         spec, device = self._specs[topic.number], self._by_topic[topic.number]
         pieces: dict[str, list[Columns]] = {}
@@ -86,14 +90,18 @@ class Sensors:
         for kind, parts in pieces.items():
             rows = in_bag_order(parts)
             if rows["record"].size:
-                device.held.append((self._streams[(topic.number, kind)], spec.side or "position", rows))
+                device.held.append(
+                    (self._streams[(topic.number, kind)], spec.side or "position", rows)
+                )
         if self._decided:
             yield from self._release(device)
 
     def settle(self) -> Iterator[Block | Reject | Rejects]:
         """See :class:`spoofbench_converters.rosbag.family.Session`."""
         held = sum(rows["record"].size for device in self._devices for _, _, rows in device.held)
-        if held > _HELD_ROWS or all(device.messages >= _SETTLED_MESSAGES for device in self._devices):
+        if held > _HELD_ROWS or all(
+            device.messages >= _SETTLED_MESSAGES for device in self._devices
+        ):
             yield from self._decide()
         for stream in dict.fromkeys(self._streams.values()):
             yield from stream.settle()
@@ -105,9 +113,15 @@ class Sensors:
             yield from stream.finish()
         facts: dict[str, Mapping[str, str]] = {}
         for source, device in self._of_source.items():
-            time = {"time": device.clock.basis, **device.meter.about()} if device.clock and device.messages else {}
+            time = (
+                {"time": device.clock.basis, **device.meter.about()}
+                if device.clock and device.messages
+                else {}
+            )
             facts[f"source/{source}"] = {**self._plan.sources[source], **time}
-        by_header = any(device.clock and device.clock.by_header and device.messages for device in self._devices)
+        by_header = any(
+            device.clock and device.clock.by_header and device.messages for device in self._devices
+        )
         recording = {"clock": "sensor" if by_header else "recorder"}
         if self._ahead_ns:
             recording["recorder_offset_s"] = f"{-self._ahead_ns / 1e9:.6f}"
@@ -125,7 +139,11 @@ class Sensors:
         if self._by_recorder:
             self._ahead_ns = 0
         for device in self._devices:
-            device.clock = Clock(False, 0, "recorder's stamps, as asked for") if self._by_recorder else clocks[device.name]
+            device.clock = (
+                Clock(False, 0, "recorder's stamps, as asked for")
+                if self._by_recorder
+                else clocks[device.name]
+            )
         for device in self._devices:
             yield from self._release(device)
 
@@ -143,8 +161,13 @@ class Sensors:
 
 
 def _times(device: _Device) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the headers' and the recorder's stamps of the messages that a device holds, in bag order."""
-    parts = [[rows[name][rows["has_stamp"] & (rows["units"] > 0)] for name in _TIMES] for _, _, rows in device.held]
+    """Return the headers' and the recorder's stamps of the messages that a device holds, in bag
+    order.
+    """
+    parts = [
+        [rows[name][rows["has_stamp"] & (rows["units"] > 0)] for name in _TIMES]
+        for _, _, rows in device.held
+    ]
     if not parts:
         return np.empty(0, np.int64), np.empty(0, np.int64)
     stamps, received, records = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -153,11 +176,17 @@ def _times(device: _Device) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _add(
-    pieces: dict[str, list[Columns]], said: Said, kept: NDArray[np.bool_], records: NDArray[np.int64], received: NDArray[np.int64]
+    pieces: dict[str, list[Columns]],
+    said: Said,
+    kept: NDArray[np.bool_],
+    records: NDArray[np.int64],
+    received: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
-    """Add what messages of one layout say to the pieces by kind; return the messages that say nothing.
+    """Add what messages of one layout say to the pieces by kind; return the messages that say
+    nothing.
 
-    The first row of each message, in its first part that has one, has ``units`` 1: it stands for the message in the ledger.
+    The first row of each message, in its first part that has one, has ``units`` 1: it stands for
+    the message in the ledger.
     """
     stamped = said.stamp_ns is not None
     stamps = said.stamp_ns if said.stamp_ns is not None else np.zeros(records.size, np.int64)
@@ -170,6 +199,13 @@ def _add(
         units = (first & waiting[message]).astype(np.int64)
         waiting[message] = False
         rows = part.columns if mine.all() else take(part.columns, mine)
-        about = {"record": records[message], "receive_time_ns": received[message], "stamp_ns": stamps[message], "units": units}
-        pieces.setdefault(part.kind, []).append({**rows, **about, "has_stamp": np.full(message.size, stamped)})
+        about = {
+            "record": records[message],
+            "receive_time_ns": received[message],
+            "stamp_ns": stamps[message],
+            "units": units,
+        }
+        pieces.setdefault(part.kind, []).append(
+            {**rows, **about, "has_stamp": np.full(message.size, stamped)}
+        )
     return waiting

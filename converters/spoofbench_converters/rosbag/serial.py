@@ -1,7 +1,9 @@
-"""Receivers' own bytes in messages: NMEA sentences (nmea_msgs/Sentence), and UBX messages field by field (ublox_msgs).
+"""Receivers' own bytes in messages: NMEA sentences (nmea_msgs/Sentence), and UBX messages field by
+field (ublox_msgs).
 
-A message of ublox_msgs has the fields of its UBX payload in their order, so the payload is put together again; what the
-bytes say is then told by the decoders of NMEA and UBX. Rows get the recorder's time of their epoch.
+A message of ublox_msgs has the fields of its UBX payload in their order, so the payload is put
+together again; what the bytes say is then told by the decoders of NMEA and UBX. Rows get the
+recorder's time of their epoch.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,15 +24,23 @@ from spoofbench_converters.stream.contract import Epochs, Frames, Rows
 SENTENCE = "nmea_msgs/msg/Sentence"
 _NAV, _RXM, _MON, _TIM, _ESF, _SEC, _HNR = 0x01, 0x02, 0x0A, 0x0D, 0x10, 0x27, 0x28
 _MESSAGES = {
-    "NavPOSECEF": (_NAV, 0x01), "NavPOSLLH": (_NAV, 0x02), "NavSTATUS": (_NAV, 0x03), "NavDOP": (_NAV, 0x04), "NavATT": (_NAV, 0x05),
-    "NavSOL": (_NAV, 0x06), "NavPVT": (_NAV, 0x07), "NavPVT7": (_NAV, 0x07), "NavVELECEF": (_NAV, 0x11), "NavVELNED": (_NAV, 0x12),
-    "NavHPPOSECEF": (_NAV, 0x13), "NavHPPOSLLH": (_NAV, 0x14), "NavTIMEGPS": (_NAV, 0x20), "NavTIMEUTC": (_NAV, 0x21),
-    "NavCLOCK": (_NAV, 0x22), "NavSVINFO": (_NAV, 0x30), "NavSAT": (_NAV, 0x35), "NavCOV": (_NAV, 0x36), "NavSIG": (_NAV, 0x43),
-    "RxmSFRBX": (_RXM, 0x13), "RxmMEASX": (_RXM, 0x14), "RxmRAWX": (_RXM, 0x15), "MonHW": (_MON, 0x09), "MonRF": (_MON, 0x38),
-    "TimTM2": (_TIM, 0x03), "EsfMEAS": (_ESF, 0x02), "EsfRAW": (_ESF, 0x03), "EsfSTATUS": (_ESF, 0x10), "EsfALG": (_ESF, 0x14),
+    "NavPOSECEF": (_NAV, 0x01), "NavPOSLLH": (_NAV, 0x02), "NavSTATUS": (_NAV, 0x03),
+    "NavDOP": (_NAV, 0x04), "NavATT": (_NAV, 0x05),
+    "NavSOL": (_NAV, 0x06), "NavPVT": (_NAV, 0x07), "NavPVT7": (_NAV, 0x07),
+    "NavVELECEF": (_NAV, 0x11), "NavVELNED": (_NAV, 0x12),
+    "NavHPPOSECEF": (_NAV, 0x13), "NavHPPOSLLH": (_NAV, 0x14), "NavTIMEGPS": (_NAV, 0x20),
+    "NavTIMEUTC": (_NAV, 0x21),
+    "NavCLOCK": (_NAV, 0x22), "NavSVINFO": (_NAV, 0x30), "NavSAT": (_NAV, 0x35),
+    "NavCOV": (_NAV, 0x36), "NavSIG": (_NAV, 0x43),
+    "RxmSFRBX": (_RXM, 0x13), "RxmMEASX": (_RXM, 0x14), "RxmRAWX": (_RXM, 0x15),
+    "MonHW": (_MON, 0x09), "MonRF": (_MON, 0x38),
+    "TimTM2": (_TIM, 0x03), "EsfMEAS": (_ESF, 0x02), "EsfRAW": (_ESF, 0x03),
+    "EsfSTATUS": (_ESF, 0x10), "EsfALG": (_ESF, 0x14),
     "EsfINS": (_ESF, 0x15), "SecSIG": (_SEC, 0x09), "HnrPVT": (_HNR, 0x00), "HnrINS": (_HNR, 0x02),
 }  # fmt: skip
-TYPES: Mapping[str, tuple[int, int]] = {f"ublox_msgs/msg/{name}": key for name, key in _MESSAGES.items()}
+TYPES: Mapping[str, tuple[int, int]] = {
+    f"ublox_msgs/msg/{name}": key for name, key in _MESSAGES.items()
+}
 """Class and number of the UBX message by type."""
 
 _UBX_HEAD, _CHECKSUM_BYTES = 6, 2
@@ -40,7 +50,9 @@ _EMPTY = "the epoch holds nothing that the schema has"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Frames(Frames):
-    """Frames whose places in the log are the ordinals of their messages, so that decoders account in messages."""
+    """Frames whose places in the log are the ordinals of their messages, so that decoders account
+    in messages.
+    """
 
     records: NDArray[np.int64]
 
@@ -67,7 +79,9 @@ class Serial:
     """
 
     def __init__(self, topics: Sequence[Topic], counts: dict[str, int]) -> None:
-        """Take the topics, and how many sources there are already by the beginning of their names."""
+        """Take the topics, and how many sources there are already by the beginning of their
+        names.
+        """
         self.numbers = frozenset(topic.number for topic in topics)
         self._topics = " ".join(sorted(topic.name for topic in topics))
         self._counts = counts
@@ -76,12 +90,22 @@ class Serial:
         self._sources: dict[str, str] = {}
         self._streams: dict[tuple[str, str], RowStream] = {}
 
-    def take(self, topic: Topic, groups: Sequence[Group], payloads: Payloads) -> Iterator[Block | Reject | Rejects]:
+    def take(
+        self, topic: Topic, groups: Sequence[Group], payloads: Payloads
+    ) -> Iterator[Block | Reject | Rejects]:
         """See :class:`spoofbench_converters.rosbag.family.Session`."""
         for group in groups:
             records, received = payloads.records[group.index], payloads.stamps_ns[group.index]
-            frames = _sentences(group.rows) if topic.type == SENTENCE else _ubx(group.rows, TYPES[topic.type])
-            reason, good = ("it is no sentence", np.zeros(records.size, bool)) if frames is None else _checked(frames, topic.type)
+            frames = (
+                _sentences(group.rows)
+                if topic.type == SENTENCE
+                else _ubx(group.rows, TYPES[topic.type])
+            )
+            reason, good = (
+                ("it is no sentence", np.zeros(records.size, bool))
+                if frames is None
+                else _checked(frames, topic.type)
+            )
             if not good.all():
                 yield slabs.rejects(records[~good], f"{topic.name}: {reason}")
             if frames is not None and good.any():
@@ -89,7 +113,9 @@ class Serial:
                 starts = np.arange(records.size) * frames.shape[1]
                 lengths = np.full(records.size, frames.shape[1])
                 ones = np.ones(records.size, np.int64)
-                self._waiting.append(_Frames(frames.reshape(-1), starts, lengths, 0, ones, received, records))
+                self._waiting.append(
+                    _Frames(frames.reshape(-1), starts, lengths, 0, ones, received, records)
+                )
 
     def settle(self) -> Iterator[Block | Reject | Rejects]:
         """See :class:`spoofbench_converters.rosbag.family.Session`."""
@@ -104,8 +130,16 @@ class Serial:
         for stream in self._streams.values():
             yield from stream.finish()
         told = self._decoder.about()
-        here = {"topic": self._topics, "time": "recorder's stamps, an epoch's that of its first message"}
-        yield Facts({f"source/{name}": {**told.get(source, {}), **here} for source, name in self._sources.items()})
+        here = {
+            "topic": self._topics,
+            "time": "recorder's stamps, an epoch's that of its first message",
+        }
+        yield Facts(
+            {
+                f"source/{name}": {**told.get(source, {}), **here}
+                for source, name in self._sources.items()
+            }
+        )
 
     def _items(self, items: Iterator[Epochs | Rejects]) -> Iterator[Block | Rejects]:
         for item in items:
@@ -124,9 +158,16 @@ class Serial:
             units = np.zeros(decoded.epoch.size, np.int64)
             units[first] = left[decoded.epoch[first]]
             left[decoded.epoch] = 0
-            rows = {**_columns(decoded), **_times(decoded, epochs), "record": epochs.offset[decoded.epoch], "units": units}
+            rows = {
+                **_columns(decoded),
+                **_times(decoded, epochs),
+                "record": epochs.offset[decoded.epoch],
+                "units": units,
+            }
             source = self._source(decoded.source)
-            stream = self._streams.setdefault((source, decoded.kind), RowStream(source, decoded.kind))
+            stream = self._streams.setdefault(
+                (source, decoded.kind), RowStream(source, decoded.kind)
+            )
             yield from stream.push("", rows)
         if left.any():
             yield Rejects(epochs.offset[left > 0], left[left > 0], f"{self._topics}: {_EMPTY}")
@@ -140,10 +181,14 @@ class Serial:
 
 
 def open_serial(topics: Sequence[Topic], counts: dict[str, int]) -> list[Serial]:
-    """Return a session for each receiver among the topics; ``counts``: how many sources there are by the beginning of their names."""
+    """Return a session for each receiver among the topics; ``counts``: how many sources there are
+    by the beginning of their names.
+    """
     receivers: dict[str, list[Topic]] = {}
     for topic in sorted(topics, key=lambda topic: topic.name):
-        receivers.setdefault(topic.name if topic.type == SENTENCE else topic.name.rpartition("/")[0] + "/", []).append(topic)
+        receivers.setdefault(
+            topic.name if topic.type == SENTENCE else topic.name.rpartition("/")[0] + "/", []
+        ).append(topic)
     return [Serial(mine, counts) for mine in receivers.values()]
 
 
@@ -169,7 +214,9 @@ def _sentences(rows: NDArray[Any]) -> NDArray[np.uint8] | None:
 
 
 def _checked(frames: NDArray[np.uint8], kind: str) -> tuple[str, NDArray[np.bool_]]:
-    """Return which sentences bear their checksum, and what is wrong with the others; UBX payloads bore none in their message."""
+    """Return which sentences bear their checksum, and what is wrong with the others; UBX payloads
+    bore none in their message.
+    """
     if kind != SENTENCE:
         return "", np.ones(len(frames), bool)
     if frames.shape[1] < 8:
@@ -177,18 +224,26 @@ def _checked(frames: NDArray[np.uint8], kind: str) -> tuple[str, NDArray[np.bool
     digits = _HEX[frames[:, -2:]]
     told = digits[:, 0] * 16 + digits[:, 1]
     good = (frames[:, 0] == ord("$")) & (frames[:, -3] == ord("*")) & (digits >= 0).all(axis=1)
-    return "it is no sentence, or its checksum is wrong", good & (np.bitwise_xor.reduce(frames[:, 1:-3], axis=1) == told)
+    return "it is no sentence, or its checksum is wrong", good & (
+        np.bitwise_xor.reduce(frames[:, 1:-3], axis=1) == told
+    )
 
 
 _HEX = np.full(256, -1)
-for _digit, _characters in enumerate(("0", "1", "2", "3", "4", "5", "6", "7", "8", "9", "Aa", "Bb", "Cc", "Dd", "Ee", "Ff")):
+for _digit, _characters in enumerate(
+    ("0", "1", "2", "3", "4", "5", "6", "7", "8", "9", "Aa", "Bb", "Cc", "Dd", "Ee", "Ff")
+):
     _HEX[[ord(character) for character in _characters]] = _digit
 
 
 def _ubx(rows: NDArray[Any], key: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return the UBX frames of messages of one layout, ``(n, m)``: their fields without the counts, one after the other."""
+    """Return the UBX frames of messages of one layout, ``(n, m)``: their fields without the counts,
+    one after the other.
+    """
     names = [name for name in rows.dtype.names or () if not name.endswith("#")]
-    packed = np.empty(rows.size, np.dtype([(name, rows.dtype[name].newbyteorder("<")) for name in names]))
+    packed = np.empty(
+        rows.size, np.dtype([(name, rows.dtype[name].newbyteorder("<")) for name in names])
+    )
     for name in names:
         packed[name] = rows[name]
     size = packed.dtype.itemsize
@@ -205,7 +260,9 @@ def _in_bag_order(parts: Sequence[_Frames]) -> _Frames:
     order = np.argsort(records)
     return _Frames(
         np.concatenate([part.octets for part in parts]),
-        np.concatenate([part.starts + base for part, base in zip(parts, bases, strict=True)])[order],
+        np.concatenate([part.starts + base for part, base in zip(parts, bases, strict=True)])[
+            order
+        ],
         np.concatenate([part.lengths for part in parts])[order],
         0,
         np.ones(records.size, np.int64),
@@ -233,5 +290,9 @@ def _times(rows: Rows, epochs: Epochs) -> Columns:
     """Return the rows' times: the recorder's of their epoch, of sampled messages their own."""
     of_epoch = epochs.receive_time_ns[rows.epoch]
     received = of_epoch if rows.receive_time_ns is None else rows.receive_time_ns
-    times = received if rows.tick_ns is not None else of_epoch + (0 if rows.offset_ns is None else rows.offset_ns)
+    times = (
+        received
+        if rows.tick_ns is not None
+        else of_epoch + (0 if rows.offset_ns is None else rows.offset_ns)
+    )
     return {"time_ns": times, "receive_time_ns": received}

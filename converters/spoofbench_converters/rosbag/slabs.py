@@ -44,13 +44,10 @@ class Topic:
 class Payloads:
     """Successive messages of one topic.
 
-    Attributes:
-        octets: bytes among which theirs lie.
-        starts: where each starts, ``(n,)``.
-        lengths: bytes of each, ``(n,)``.
-        records: ordinal of each in the bag, ``(n,)``.
-        stamps_ns: when the recorder got each, ``(n,)``.
-        appended_ns: by how much that was put forward, for the recorder's clock jumped back before, ``(n,)``; None: by nothing.
+    Attributes: octets: bytes among which theirs lie. starts: where each starts, ``(n,)``. lengths:
+        bytes of each, ``(n,)``. records: ordinal of each in the bag, ``(n,)``. stamps_ns: when the
+        recorder got each, ``(n,)``. appended_ns: by how much that was put forward, for the
+        recorder's clock jumped back before, ``(n,)``; None: by nothing.
     """
 
     octets: NDArray[np.uint8]
@@ -61,10 +58,14 @@ class Payloads:
     appended_ns: _Integers | None = None
 
     def appended(self, own_ns: _Integers, places: NDArray[np.intp]) -> _Integers:
-        """Return the own stamps of messages, put forward alike where they are the recorder's clock's: within 1 s of its stamps."""
+        """Return the own stamps of messages, put forward alike where they are the recorder's
+        clock's: within 1 s of its stamps.
+        """
         if self.appended_ns is None:
             return own_ns
-        by_host = np.abs(self.stamps_ns[places] - self.appended_ns[places] - own_ns) <= _SAME_CLOCK_NS
+        by_host = (
+            np.abs(self.stamps_ns[places] - self.appended_ns[places] - own_ns) <= _SAME_CLOCK_NS
+        )
         return np.asarray(own_ns + np.where(by_host, self.appended_ns[places], 0))
 
 
@@ -106,7 +107,9 @@ class Log(Protocol):
     def expected(self) -> int: ...
 
     def slabs(self, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
-        """Yield all messages in bag order; of the topics that are not wanted, only how many there are."""
+        """Yield all messages in bag order; of the topics that are not wanted, only how many there
+        are.
+        """
         ...
 
     def close(self) -> None:
@@ -116,7 +119,9 @@ class Log(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """Successive messages, where they lie in ``octets``; ``numbers`` are those of their topics; ``(n,)`` each."""
+    """Successive messages, where they lie in ``octets``; ``numbers`` are those of their topics;
+    ``(n,)`` each.
+    """
 
     octets: NDArray[np.uint8]
     numbers: _Integers
@@ -138,11 +143,17 @@ def slab_of(messages: Messages, first: int, wanted: frozenset[int]) -> Slab:
             continue
         long = messages.lengths[mine] > MAX_MESSAGE_BYTES
         if long.any():
-            slab.rejects.append(rejects(first + mine[long], f"a message has more than {MAX_MESSAGE_BYTES:,} bytes"))
+            slab.rejects.append(
+                rejects(first + mine[long], f"a message has more than {MAX_MESSAGE_BYTES:,} bytes")
+            )
             mine = mine[~long]
         if mine.size:
             slab.wanted[number] = Payloads(
-                messages.octets, messages.starts[mine], messages.lengths[mine], first + mine, messages.stamps_ns[mine]
+                messages.octets,
+                messages.starts[mine],
+                messages.lengths[mine],
+                first + mine,
+                messages.stamps_ns[mine],
             )
     return slab
 
@@ -244,7 +255,9 @@ class _Filling:
 
 
 def gather(octets: NDArray[np.uint8], code: str, places: _Integers) -> _Integers:
-    """Return the integers of a type that start at these places, as int64 ``(n,)``; above its range they are negative."""
+    """Return the integers of a type that start at these places, as int64 ``(n,)``; above its range
+    they are negative.
+    """
     size = np.dtype(code).itemsize
     if not places.size:
         return np.empty(0, np.int64)

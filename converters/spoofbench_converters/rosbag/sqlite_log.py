@@ -1,7 +1,8 @@
 """ROS 2 bags in SQLite: messages in bag order, by topic, read around damage.
 
-The pages of a sound bag are read as arrays (see :mod:`spoofbench_converters.rosbag.pages`). What follows the first page
-that is unusual or damaged is read by queries: rows are fetched some hundreds at a time and their payloads joined by topic.
+The pages of a sound bag are read as arrays (see :mod:`spoofbench_converters.rosbag.pages`). What
+follows the first page that is unusual or damaged is read by queries: rows are fetched some hundreds
+at a time and their payloads joined by topic.
 """
 
 from collections.abc import Iterator
@@ -18,7 +19,15 @@ from spoofbench.converting import Reject, Rejects
 from spoofbench.errors import ConversionError
 from spoofbench_converters.rosbag.definitions import normal_name
 from spoofbench_converters.rosbag.pages import FIRST_KEY, LAST_KEY, Pages, Unusual
-from spoofbench_converters.rosbag.slabs import MAX_MESSAGE_BYTES, SLAB_MESSAGES, Messages, Payloads, Slab, Topic, slab_of
+from spoofbench_converters.rosbag.slabs import (
+    MAX_MESSAGE_BYTES,
+    SLAB_MESSAGES,
+    Messages,
+    Payloads,
+    Slab,
+    Topic,
+    slab_of,
+)
 
 MAGIC = b"SQLite format 3\0"
 FETCHED_MESSAGES = 512
@@ -27,7 +36,10 @@ BUSY_MS = 2000
 _WAL = 2  # bytes 18 and 19 of the header: the file format's write and read version
 
 # What is of another type than a bag's is not even read: text need not be text.
-_TOPICS = "SELECT id, name, type, serialization_format FROM topics WHERE typeof(id) = 'integer' ORDER BY id"
+_TOPICS = (
+    "SELECT id, name, type, serialization_format FROM topics WHERE typeof(id) = 'integer' ORDER BY "
+    "id"
+)
 _DEFINITIONS = "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
 _MAX_TOPICS = 4096
 _MESSAGES = """SELECT id, CASE typeof(topic_id) WHEN 'integer' THEN topic_id END, CASE typeof(timestamp) WHEN 'integer' THEN timestamp END,
@@ -51,13 +63,18 @@ class SqliteLog:
             self._database = connect(path)
             self._database.execute("BEGIN")  # one state of the bag is read, whoever writes to it
             if not tables(self._database) >= {"topics", "messages"}:
-                raise ConversionError(f"{path.name!r} is an SQLite database, but no ROS 2 bag: it lacks the tables 'topics' and 'messages'")
+                raise ConversionError(
+                    f"{path.name!r} is an SQLite database, but no ROS 2 bag: it lacks the tables "
+                    "'topics' and 'messages'"
+                )
             rows: list[Any] = list(islice(self._database.execute(_TOPICS), _MAX_TOPICS))
         except (apsw.Error, UnicodeDecodeError) as error:
             raise ConversionError(f"the bag {path.name!r} cannot be read: {error}") from error
         texts = self._definitions()
         self.topics = tuple(
-            Topic(number, str(name), normal_name(str(kind)), str(encoding), *texts.get(kind, ("", "")))
+            Topic(
+                number, str(name), normal_name(str(kind)), str(encoding), *texts.get(kind, ("", ""))
+            )
             for number, name, kind, encoding in rows
         )
 
@@ -67,7 +84,9 @@ class SqliteLog:
 
     @property
     def expected(self) -> int:
-        """The highest message key: in an undamaged bag, the number of messages; 0 where it cannot be read."""
+        """The highest message key: in an undamaged bag, the number of messages; 0 where it cannot
+        be read.
+        """
         try:
             rows: list[Any] = self._database.execute("SELECT max(id) FROM messages").fetchall()
         except apsw.Error:
@@ -85,11 +104,15 @@ class SqliteLog:
         return {kind: (str(text), str(form)) for kind, text, form in rows}
 
     def slabs(self, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
-        """Yield all messages in bag order; of the topics that are not wanted, only how many there are."""
+        """Yield all messages in bag order; of the topics that are not wanted, only how many there
+        are.
+        """
         last = FIRST_KEY
         try:
             for cells in Pages(self._database).cells(wanted):
-                messages = Messages(cells.octets, cells.topics, cells.stamps_ns, cells.starts, cells.lengths)
+                messages = Messages(
+                    cells.octets, cells.topics, cells.stamps_ns, cells.starts, cells.lengths
+                )
                 yield slab_of(messages, self.records, wanted)
                 self.records += cells.keys.size
                 last = int(cells.keys[-1])
@@ -120,9 +143,13 @@ class SqliteLog:
             yield reject
 
     def _around(self, failure: apsw.Error, query: str, last: int) -> tuple[Reject, int | None]:
-        """Return what was lost after a message, and the key after which to go on, None where nothing follows."""
+        """Return what was lost after a message, and the key after which to go on, None where
+        nothing follows.
+        """
         if isinstance(failure, apsw.BusyError | apsw.LockedError):
-            raise ConversionError(f"the bag {self._name!r} is locked by another program; close it there first") from failure
+            raise ConversionError(
+                f"the bag {self._name!r} is locked by another program; close it there first"
+            ) from failure
         reason = f"the database is damaged here ({failure})"
         if isinstance(failure, apsw.TooBigError):
             reason = f"a message has more than {MAX_MESSAGE_BYTES:,} bytes"
@@ -155,13 +182,16 @@ class SqliteLog:
         return good
 
     def _first_from(self, query: str, key: int) -> int | None:
-        """Return the key of the first message from a key on, None where it cannot be read or there is none."""
+        """Return the key of the first message from a key on, None where it cannot be read or there
+        is none.
+        """
         rows = _Rows(self._database, query, key - 1)
         return rows.last if rows.fetch(1) else None
 
 
 class _Rows:
-    """Rows of a query up to its end or to the first that cannot be read, or whose key is not above the last.
+    """Rows of a query up to its end or to the first that cannot be read, or whose key is not above
+    the last.
 
     Attributes:
         last: key of the last row, at first the one after which the query starts.
@@ -182,7 +212,9 @@ class _Rows:
         rows: list[_Row] = []
         if self.failure is None:
             try:
-                rows.extend(islice(self._cursor, most))  # what came before an error stays in the list
+                rows.extend(
+                    islice(self._cursor, most)
+                )  # what came before an error stays in the list
             except apsw.Error as error:
                 self.failure = error
         for place, row in enumerate(rows):
@@ -209,10 +241,15 @@ class _Filling:
         records = np.arange(first, first + len(rows))
         try:
             self._sort(rows, records)
-        except TypeError:  # a column holds something else than it must: rare, so looked for only now
+        except (
+            TypeError
+        ):  # a column holds something else than it must: rare, so looked for only now
             good = [self._is_good(row) for row in rows]
             kept = np.array(good)
-            self._rejects += [Reject(record, 1, "a message's row is not of the types that a bag has") for record in records[~kept].tolist()]
+            self._rejects += [
+                Reject(record, 1, "a message's row is not of the types that a bag has")
+                for record in records[~kept].tolist()
+            ]
             if kept.any():
                 self._sort(list(compress(rows, good)), records[kept])
 
@@ -226,7 +263,12 @@ class _Filling:
             mine = topics == number
             if number in self._joined:
                 chosen = list(compress(payloads, mine.tolist()))
-                parts[number] = (b"".join(chosen), np.fromiter(map(len, chosen), np.int64, len(chosen)), records[mine], stamps_ns[mine])
+                parts[number] = (
+                    b"".join(chosen),
+                    np.fromiter(map(len, chosen), np.int64, len(chosen)),
+                    records[mine],
+                    stamps_ns[mine],
+                )
             else:
                 count, start = self._others.get(number, (0, int(records[mine][0])))
                 others[number] = (count + int(mine.sum()), start)
@@ -236,12 +278,19 @@ class _Filling:
             self._parts[number].append(tuple(arrays))
 
     def _is_good(self, row: _Row) -> bool:
-        return isinstance(row[1], int) and isinstance(row[2], int) and (isinstance(row[3], bytes) or row[1] not in self._joined)
+        return (
+            isinstance(row[1], int)
+            and isinstance(row[2], int)
+            and (isinstance(row[3], bytes) or row[1] not in self._joined)
+        )
 
     def slab(self) -> Slab:
         """Return what was taken."""
         wanted = {
-            number: _payloads(self._joined[number], *(np.concatenate(column) for column in zip(*parts, strict=True)))
+            number: _payloads(
+                self._joined[number],
+                *(np.concatenate(column) for column in zip(*parts, strict=True)),
+            )
             for number, parts in self._parts.items()
             if parts
         }
@@ -261,13 +310,16 @@ def connect(path: Path) -> apsw.Connection:
     with path.open("rb") as file:
         head = file.read(20)
     write_ahead = Path(f"{path}-wal")
-    settled = head[18:19] == bytes([_WAL]) and not (write_ahead.exists() and write_ahead.stat().st_size)
+    settled = head[18:19] == bytes([_WAL]) and not (
+        write_ahead.exists() and write_ahead.stat().st_size
+    )
     # A settled write-ahead database is opened as immutable: else SQLite creates files beside it.
     uri = f"file:{quote(str(path.resolve()))}?mode=ro{'&immutable=1' if settled else ''}"
     database = apsw.Connection(uri, flags=apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI)
     database.set_busy_timeout(BUSY_MS)
     database.limit(apsw.SQLITE_LIMIT_LENGTH, MAX_MESSAGE_BYTES)
-    # Tables alone are read, no code in the schema runs, and a file shorter than its header says opens nevertheless.
+    # Tables alone are read, no code in the schema runs, and a file shorter than its header says
+    # opens nevertheless.
     for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "writable_schema=ON"):
         database.execute(f"PRAGMA {pragma}")
     return database
@@ -275,4 +327,6 @@ def connect(path: Path) -> apsw.Connection:
 
 def tables(database: apsw.Connection) -> set[str]:
     """Return the names of the tables, views left out."""
-    return {row[0] for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    return {
+        row[0] for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+    }

@@ -16,8 +16,8 @@ _WHOLE_HERTZ = 0.01  # share by which a median rate may differ from a whole numb
 class ImuStream:
     """Inertial rows of one topic.
 
-    Integrated rows are divided by the nominal interval, not by the difference of their own times, whose
-    jitter (3 % on some recorders) would become noise of the same share of gravity.
+    Integrated rows are divided by the nominal interval, not by the difference of their own times,
+    whose jitter (3 % on some recorders) would become noise of the same share of gravity.
     """
 
     def __init__(self, source: str, topic: str, interval_s: float | None) -> None:
@@ -28,7 +28,9 @@ class ImuStream:
         self._order = InOrder()
 
     def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject | Rejects]:
-        """Take the next rows in bag order; the first thousand wait until the interval is known from them."""
+        """Take the next rows in bag order; the first thousand wait until the interval is known from
+        them.
+        """
         del topic
         if self._interval_s is None:
             self._waiting = columns = join(self._waiting, columns)
@@ -46,8 +48,16 @@ class ImuStream:
 
     def about(self) -> dict[str, str]:
         """Return the source's metadata."""
-        basis = "given" if self._given_s else "median interval of the first rows, taken as a whole number of hertz where within 1 % of one"
-        interval = {} if self._interval_s is None else {"interval_s": repr(self._interval_s), "interval_basis": basis}
+        basis = (
+            "given"
+            if self._given_s
+            else "median interval of the first rows, taken as a whole number of hertz where within 1 % of one"
+        )
+        interval = (
+            {}
+            if self._interval_s is None
+            else {"interval_s": repr(self._interval_s), "interval_basis": basis}
+        )
         return {"topic": self.topics[0], "axes": "frd", **interval}
 
     def _blocks(self, ready: Columns, refused: Columns) -> Iterator[Block | Reject | Rejects]:
@@ -56,19 +66,25 @@ class ImuStream:
             return
         integrated = ready["integrated"]
         if self._interval_s is None and integrated.any():
-            yield from rejects(take(ready, integrated), f"{self.topics[0]}: a lone integrated row has no interval")
+            yield from rejects(
+                take(ready, integrated), f"{self.topics[0]}: a lone integrated row has no interval"
+            )
             ready, integrated = take(ready, ~integrated), integrated[~integrated]
         interval = np.where(integrated, self._interval_s or 0.0, 0.0)
         divisor = np.where(integrated, interval, 1.0)
-        rates = {name: values / divisor for name, values in ready.items() if name.startswith(("accel_", "gyro_"))}
+        rates = {
+            name: values / divisor
+            for name, values in ready.items()
+            if name.startswith(("accel_", "gyro_"))
+        }
         yield block(self.source, "imu", {**ready, **rates, "interval_s": interval})
 
 
 def nominal_interval_s(columns: Columns) -> float | None:
     """Return the interval between successive rows, from the median of their time differences.
 
-    A rate within 1 % of a whole number of hertz is taken as that number. None where there are fewer than
-    two rows.
+    A rate within 1 % of a whole number of hertz is taken as that number. None where there are fewer
+    than two rows.
     """
     steps = np.diff(np.sort(columns["time_ns"]))
     steps = steps[steps > 0]
@@ -99,7 +115,13 @@ class PvaStream:
         """Return the source's metadata."""
         if self.source:
             return {"topic": self.topics[0], "solution": "fused"}
-        return {"topic": self.topics[0], "basis": "a device that gives neither the inertial nor the GNSS topics, or as the options say"}
+        return {
+            "topic": self.topics[0],
+            "basis": (
+                "a device that gives neither the inertial nor the GNSS topics, or as the options "
+                "say"
+            ),
+        }
 
     def _blocks(self, ready: Columns, refused: Columns) -> Iterator[Block | Reject | Rejects]:
         yield from rejects(refused, f"{BACKWARDS} in {self.topics[0]}")
@@ -111,7 +133,9 @@ class PvtStream(PairStream):
     """Positions and velocities of one receiver, a topic each."""
 
     def __init__(self, source: str, device: str, sides: Mapping[str, str]) -> None:
-        """Take the name of the source and of the device, and the side, ``position`` or ``velocity``, of each topic."""
+        """Take the name of the source and of the device, and the side, ``position`` or
+        ``velocity``, of each topic.
+        """
         super().__init__(source, device, sorted(sides.values()))
         self.topics = tuple(sides)
         self._device = device
@@ -119,7 +143,9 @@ class PvtStream(PairStream):
 
     def push(self, topic: str, columns: Columns) -> Iterator[Block | Rejects]:
         """Take one topic's next rows in bag order."""
-        yield from super().push(self._side[topic], {**columns, "units": np.ones(columns["time_ns"].size, np.int64)})
+        yield from super().push(
+            self._side[topic], {**columns, "units": np.ones(columns["time_ns"].size, np.int64)}
+        )
 
     def about(self) -> dict[str, str]:
         """Return the source's metadata."""

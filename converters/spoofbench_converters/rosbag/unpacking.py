@@ -10,7 +10,8 @@ _ZSTD_WINDOW_BYTES = 128 << 20
 
 
 def unpack(data: bytes, packing: str, size: int) -> tuple[bytes, str | None]:
-    """Return what ``data`` unpack to, of at most ``size`` bytes, and what is wrong with it, if anything is.
+    """Return what ``data`` unpack to, of at most ``size`` bytes, and what is wrong with it, if
+    anything is.
 
     Of what is damaged or cut off, all that comes before is returned.
 
@@ -20,7 +21,9 @@ def unpack(data: bytes, packing: str, size: int) -> tuple[bytes, str | None]:
         size: bytes that they must unpack to.
     """
     if packing in ("none", ""):
-        return data[:size], None if len(data) == size else f"it has {len(data):,} bytes where it declares {size:,}"
+        return data[:size], None if len(
+            data
+        ) == size else f"it has {len(data):,} bytes where it declares {size:,}"
     if packing not in _UNPACKERS:
         return b"", f"it is packed by {packing[:16]!r}, which cannot be unpacked"
     parts, have, wrong = [], 0, None
@@ -31,7 +34,9 @@ def unpack(data: bytes, packing: str, size: int) -> tuple[bytes, str | None]:
     except Exception as error:  # noqa: BLE001 - each packing has errors of its own
         wrong = f"it cannot be unpacked: {str(error) or type(error).__name__}"
     unpacked = b"".join(parts)
-    return unpacked, wrong or (None if have == size else f"it unpacks to {have:,} bytes where it declares {size:,}")
+    return unpacked, wrong or (
+        None if have == size else f"it unpacks to {have:,} bytes where it declares {size:,}"
+    )
 
 
 def _by_bz2(data: bytes, size: int) -> Iterator[bytes]:
@@ -45,10 +50,14 @@ def _by_lz4(data: bytes, size: int) -> Iterator[bytes]:
 
 
 def _drained(unpacker: Any, data: bytes, size: int) -> Iterator[bytes]:
-    """Yield what data unpack to, at most so much; given piece by piece, so that damage costs no more than its piece."""
+    """Yield what data unpack to, at most so much; given piece by piece, so that damage costs no
+    more than its piece.
+    """
     for start in range(0, len(data), _PIECE_BYTES):
         piece = data[start : start + _PIECE_BYTES]
-        while size > 0 and not unpacker.eof and (part := unpacker.decompress(piece, max_length=size)):
+        while (
+            size > 0 and not unpacker.eof and (part := unpacker.decompress(piece, max_length=size))
+        ):
             yield part
             size -= len(part)
             piece = b""
@@ -66,4 +75,8 @@ def _by_zstd(data: bytes, size: int) -> Iterator[bytes]:
             size -= len(part)
 
 
-_UNPACKERS: dict[str, Callable[[bytes, int], Iterator[bytes]]] = {"bz2": _by_bz2, "lz4": _by_lz4, "zstd": _by_zstd}
+_UNPACKERS: dict[str, Callable[[bytes, int], Iterator[bytes]]] = {
+    "bz2": _by_bz2,
+    "lz4": _by_lz4,
+    "zstd": _by_zstd,
+}

@@ -1,4 +1,6 @@
-"""The time axis: epochs of all protocols in file order, each with what it claims, in; their times out."""
+"""The time axis: epochs of all protocols in file order, each with what it claims, in; their times
+out.
+"""
 
 import json
 from collections.abc import Mapping
@@ -9,7 +11,15 @@ from numpy.typing import NDArray
 from spoofbench.converting import Columns
 from spoofbench.converting.ordering import join, take
 from spoofbench_converters.stream.contract import ABSENT_NS, Epochs
-from spoofbench_converters.stream.course import AHEAD, BACKWARDS, HORIZON, NO_TIME_YET, Course, Interleaving, Rules
+from spoofbench_converters.stream.course import (
+    AHEAD,
+    BACKWARDS,
+    HORIZON,
+    NO_TIME_YET,
+    Course,
+    Interleaving,
+    Rules,
+)
 from spoofbench_converters.stream.dates import Calendar, Claims
 from spoofbench_converters.stream.frames import Places
 from spoofbench_converters.stream.options import StreamOptions
@@ -35,8 +45,8 @@ Given = dict[int, tuple[Places, NDArray[np.uint8]]]
 class Axis:
     """Completes and follows what epochs claim; see :class:`Calendar` and :class:`Course`.
 
-    Where at least nine of ten of the first thousand epochs have a receive time, the recorder's clock is the recording's;
-    else what the receiver claims is.
+    Where at least nine of ten of the first thousand epochs have a receive time, the recorder's
+    clock is the recording's; else what the receiver claims is.
     """
 
     def __init__(self, options: StreamOptions, protocols: tuple[str, ...]) -> None:
@@ -55,17 +65,23 @@ class Axis:
 
     def push(self, protocol: int, epochs: Epochs) -> None:
         """Take a protocol's next epochs."""
-        columns = {name: getattr(epochs, name) for name in ("offset", "claimed_ns", "period_ns", "receive_time_ns")}
+        columns = {
+            name: getattr(epochs, name)
+            for name in ("offset", "claimed_ns", "period_ns", "receive_time_ns")
+        }
         self._new = join(self._new, {"protocol": np.full(epochs.offset.size, protocol), **columns})
 
     def advance(self, limit: int, last: bool) -> Given:
-        """Return what is decided, now that all epochs are known that start before an offset in the log.
+        """Return what is decided, now that all epochs are known that start before an offset in the
+        log.
 
         Raises:
             ConversionError: two receivers are interleaved.
         """
         self._date(limit, last)
-        if not self._dated or (self._course is None and self._dated["offset"].size < _JUDGED and not last):
+        if not self._dated or (
+            self._course is None and self._dated["offset"].size < _JUDGED and not last
+        ):
             return {}
         dated = self._dated
         if self._course is None:
@@ -74,11 +90,18 @@ class Axis:
         clock_ns = dated["receive_time_ns"] if self._by_recorder else dated["time_ns"]
         times, verdicts = self._course.times(dated["protocol"], dated["offset"], clock_ns, count)
         decided = take(dated, slice(0, count))
-        verdicts[(verdicts == NO_TIME_YET) & (decided["claimed_ns"] != ABSENT_NS) & (decided["time_ns"] == ABSENT_NS)] = NO_DATE
+        verdicts[
+            (verdicts == NO_TIME_YET)
+            & (decided["claimed_ns"] != ABSENT_NS)
+            & (decided["time_ns"] == ABSENT_NS)
+        ] = NO_DATE
         self._dated = take(dated, slice(count, None))
         if last:
             self._interleaving.finish()
-        mine = {number: decided["protocol"] == number for number in np.unique(decided["protocol"]).tolist()}
+        mine = {
+            number: decided["protocol"] == number
+            for number in np.unique(decided["protocol"]).tolist()
+        }
         return {number: (times[rows], verdicts[rows]) for number, rows in mine.items()}
 
     def about(self) -> dict[str, str]:
@@ -100,7 +123,12 @@ class Axis:
         new = take(self._new, np.argsort(self._new["offset"], kind="stable"))
         ready = new["offset"].size if last else int(np.searchsorted(new["offset"], limit))
         claims = Claims(*(new[name][:ready] for name in ("protocol", "claimed_ns", "period_ns")))
-        if self._options.date_backward and not last and ready < _HELD and not self._calendar.has_anchor(claims):
+        if (
+            self._options.date_backward
+            and not last
+            and ready < _HELD
+            and not self._calendar.has_anchor(claims)
+        ):
             self._new = new
             return
         times = self._calendar.complete(claims)
@@ -114,8 +142,12 @@ class Axis:
         return Course(Rules(gap_ns, self._by_recorder, self._options.append_clock))
 
     def _decidable(self, limit: int) -> int:
-        """Return how many epochs have those behind them that decide on their times, or stand far enough back."""
+        """Return how many epochs have those behind them that decide on their times, or stand far
+        enough back.
+        """
         protocol, offset = self._dated["protocol"], self._dated["offset"]
         near = np.flatnonzero(offset >= limit - HORIZON)
-        waiting = [near[protocol[near] == number][-AHEAD:][:1] for number in np.unique(protocol).tolist()]
+        waiting = [
+            near[protocol[near] == number][-AHEAD:][:1] for number in np.unique(protocol).tolist()
+        ]
         return int(min((int(places[0]) for places in waiting if places.size), default=offset.size))

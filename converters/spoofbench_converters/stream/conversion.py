@@ -1,4 +1,6 @@
-"""A byte stream's conversion: frames to decoders, epochs to the axis, rows to topics, every byte into the account."""
+"""A byte stream's conversion: frames to decoders, epochs to the axis, rows to topics, every byte
+into the account.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -24,13 +26,17 @@ UBX_NOT_ASKED_FOR = "UBX frame: not asked for"
 
 @dataclass(slots=True)
 class _Course:
-    """A decoder at work: epochs that wait for their times, the running number of the first, and the times known so far."""
+    """A decoder at work: epochs that wait for their times, the running number of the first, and the
+    times known so far.
+    """
 
     decoder: Decoder
     waiting: list[Epochs] = field(default_factory=list)
     first: int = 0
     times: Places = field(default_factory=lambda: np.zeros(0, np.int64))
-    verdicts: "np.ndarray[tuple[int], np.dtype[np.uint8]]" = field(default_factory=lambda: np.zeros(0, np.uint8))
+    verdicts: "np.ndarray[tuple[int], np.dtype[np.uint8]]" = field(
+        default_factory=lambda: np.zeros(0, np.uint8)
+    )
 
 
 class Conversion:
@@ -60,7 +66,10 @@ class Conversion:
         for topic in self._topics.values():
             yield from topic.finish()
         if not self._topics and self._axis.dateless:
-            raise ConversionError(f"the times in {name!r} have no date; say with --date YYYY-MM-DD which day the first one is of")
+            raise ConversionError(
+                f"the times in {name!r} have no date; say with --date YYYY-MM-DD which day the "
+                "first one is of"
+            )
         yield Facts(self._facts())
 
     def _take(self, piece: Piece) -> Iterator[Item]:
@@ -69,7 +78,10 @@ class Conversion:
         for number, course in enumerate(self._courses):
             frames = piece.ubx if course.decoder.protocol == "ubx" else piece.nmea
             yield from self._decoded(number, course.decoder.push(frames))
-        if all(course.decoder.protocol != "ubx" for course in self._courses) and piece.ubx.starts.size:
+        if (
+            all(course.decoder.protocol != "ubx" for course in self._courses)
+            and piece.ubx.starts.size
+        ):
             yield self._ground.take(Rejects(piece.ubx.offsets(), piece.ubx.used, UBX_NOT_ASKED_FOR))
 
     def _decoded(self, number: int, items: Iterator[Epochs | Rejects]) -> Iterator[Item]:
@@ -85,11 +97,19 @@ class Conversion:
         ready = []
         for number, (times, verdicts) in self._axis.advance(limit, last).items():
             course = self._courses[number]
-            course.times, course.verdicts = np.append(course.times, times), np.append(course.verdicts, verdicts)
+            course.times, course.verdicts = (
+                np.append(course.times, times),
+                np.append(course.verdicts, verdicts),
+            )
             while course.waiting and course.times.size >= course.waiting[0].offset.size:
                 epochs = course.waiting.pop(0)
                 count = epochs.offset.size
-                ready.append((number, Timed(epochs, course.times[:count], course.verdicts[:count], course.first)))
+                ready.append(
+                    (
+                        number,
+                        Timed(epochs, course.times[:count], course.verdicts[:count], course.first),
+                    )
+                )
                 course.first += count
                 course.times, course.verdicts = course.times[count:], course.verdicts[count:]
         self._name(ready)
@@ -108,7 +128,11 @@ class Conversion:
     def _refused(self, ready: Sequence[Timed]) -> Iterator[Rejects]:
         """Reject the epochs that get no time."""
         for verdict, reason in REASONS.items():
-            refused = [(timed.epochs, timed.verdicts == verdict) for timed in ready if np.any(timed.verdicts == verdict)]
+            refused = [
+                (timed.epochs, timed.verdicts == verdict)
+                for timed in ready
+                if np.any(timed.verdicts == verdict)
+            ]
             if refused:
                 offsets = np.concatenate([epochs.offset[which] for epochs, which in refused])
                 lengths = np.concatenate([epochs.used[which] for epochs, which in refused])
@@ -116,7 +140,8 @@ class Conversion:
                 yield from self._ground.lay(offsets[order], lengths[order], reason)
 
     def _name(self, ready: Sequence[tuple[int, Timed]]) -> None:
-        """Name new sources in the order of the log: as their decoder does, or by the next free number.
+        """Name new sources in the order of the log: as their decoder does, or by the next free
+        number.
 
         Of two protocols, the first receiver of the second one is the second receiver of the log.
         """
@@ -125,7 +150,9 @@ class Conversion:
             for rows in timed.epochs.rows:
                 kept = timed.verdicts[rows.epoch] == TIMED
                 if (number, rows.source) not in self._names and kept.any():
-                    found.append((int(timed.epochs.offset[rows.epoch[np.argmax(kept)]]), number, rows.source))
+                    found.append(
+                        (int(timed.epochs.offset[rows.epoch[np.argmax(kept)]]), number, rows.source)
+                    )
         for _, number, source in sorted(found):
             if (number, source) not in self._names:
                 prefix, count = source.rstrip("0123456789"), len(source.rstrip("0123456789"))
@@ -160,7 +187,10 @@ class Conversion:
         for topic in self._topics.values():
             record = facts.setdefault(f"source/{topic.source}", {})
             record.update({key: text for key, text in topic.about().items() if key not in record})
-        receivers = sorted((topic for topic in self._topics.values() if topic.is_pvt), key=lambda topic: topic.preference)
+        receivers = sorted(
+            (topic for topic in self._topics.values() if topic.is_pvt),
+            key=lambda topic: topic.preference,
+        )
         if receivers:
             facts["primary"] = {"gnss/pvt": receivers[0].source}
         return facts

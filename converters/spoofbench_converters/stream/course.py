@@ -1,4 +1,6 @@
-"""The time axis where the clock is what the log says: claimed times that may leap, stand still or be missing."""
+"""The time axis where the clock is what the log says: claimed times that may leap, stand still or
+be missing.
+"""
 
 from collections import defaultdict, deque
 from dataclasses import dataclass, field
@@ -27,7 +29,8 @@ TIMED, NO_TIME_YET, BACKWARDS = range(3)
 
 _JUDGED, _TOO_MANY_BACK = 100, 20
 _INTERLEAVED = (
-    "two receivers seem to be interleaved in this log: of {judged} {protocol} epochs in a row, {back} go back in time; "
+    "two receivers seem to be interleaved in this log: of {judged} {protocol} epochs in a row, "
+    "{back} go back in time; "
     "separate them first, or name one with --source"
 )
 
@@ -36,9 +39,8 @@ _INTERLEAVED = (
 class Rules:
     """How an axis follows its clock.
 
-    Attributes:
-        gap_ns: a step forward of this or more is not followed.
-        by_recorder: the clock is the recorder's, whose pauses are followed however long they are, and whose steps backward
+    Attributes: gap_ns: a step forward of this or more is not followed. by_recorder: the clock is
+        the recorder's, whose pauses are followed however long they are, and whose steps backward
             make rejects, unless ``append``.
         append: steps backward of the recorder's clock go on at the nominal interval.
     """
@@ -63,7 +65,9 @@ class Steps:
 
 @dataclass(slots=True)
 class _Track:
-    """How far one protocol's epochs have come: last followed clock, last time given, axis minus clock, recent intervals."""
+    """How far one protocol's epochs have come: last followed clock, last time given, axis minus
+    clock, recent intervals.
+    """
 
     clock_ns: int = ABSENT_NS
     time_ns: int = ABSENT_NS
@@ -83,10 +87,11 @@ class _Track:
 class Course:
     """Gives epochs their times, in the order of the log.
 
-    The axis starts at the first time and follows the clock as long as that goes forward by less than a gap; equal times
-    stay equal, for the log resolves no finer. A clock that steps backward or by a gap, and an epoch without a time, go on
-    by the median of the recent intervals between epochs; so does an epoch whose clock leaps while the next one's is back
-    on course, which changes nothing for those behind it. Protocols have courses of their own; one whose clock steps goes
+    The axis starts at the first time and follows the clock as long as that goes forward by less
+    than a gap; equal times stay equal, for the log resolves no finer. A clock that steps backward
+    or by a gap, and an epoch without a time, go on by the median of the recent intervals between
+    epochs; so does an epoch whose clock leaps while the next one's is back on course, which changes
+    nothing for those behind it. Protocols have courses of their own; one whose clock steps goes
     where the other went, if that went there before.
     """
 
@@ -95,14 +100,19 @@ class Course:
         self._tracks: defaultdict[int, _Track] = defaultdict(_Track)
         self.steps = Steps()
 
-    def times(self, protocol: Places, offset: Places, clock_ns: Places, count: int) -> tuple[Places, NDArray[np.uint8]]:
-        """Return times and verdicts of the first ``count`` epochs given; those behind them are looked at alone.
+    def times(
+        self, protocol: Places, offset: Places, clock_ns: Places, count: int
+    ) -> tuple[Places, NDArray[np.uint8]]:
+        """Return times and verdicts of the first ``count`` epochs given; those behind them are
+        looked at alone.
 
-        Args:
-            protocol, offset, clock_ns: int64 ``(n,)``, of epochs in file order; ``ABSENT_NS`` for no time.
+        Args: protocol, offset, clock_ns: int64 ``(n,)``, of epochs in file order; ``ABSENT_NS`` for
+            no time.
         """
         times, verdicts = np.full(count, ABSENT_NS), np.zeros(count, np.uint8)
-        mine = {number: np.flatnonzero(protocol == number) for number in np.unique(protocol).tolist()}
+        mine = {
+            number: np.flatnonzero(protocol == number) for number in np.unique(protocol).tolist()
+        }
         done = dict.fromkeys(mine, 0)
         events = self._irregular(mine, clock_ns, count)
         while events:
@@ -113,7 +123,9 @@ class Course:
             self._run(number, own[done[number] : place], clock_ns, times)
             ahead = own[place + 1 : place + 1 + AHEAD]
             ahead = ahead[offset[ahead] - offset[here] <= HORIZON]
-            times[here], verdicts[here] = self._step(number, int(offset[here]), int(clock_ns[here]), clock_ns[ahead].tolist())
+            times[here], verdicts[here] = self._step(
+                number, int(offset[here]), int(clock_ns[here]), clock_ns[ahead].tolist()
+            )
             done[number] = place + 1
             if verdicts[here] == BACKWARDS and place + 1 < own.size and own[place + 1] < count:
                 heappush(events, (int(own[place + 1]), number, place + 1))
@@ -121,15 +133,26 @@ class Course:
             self._run(number, own[done[number] : int(np.searchsorted(own, count))], clock_ns, times)
         return times, verdicts
 
-    def _irregular(self, mine: dict[int, Places], clock_ns: Places, count: int) -> list[tuple[int, int, int]]:
-        """Return place, protocol and place among its epochs of those that do not just follow the one before, as a heap."""
+    def _irregular(
+        self, mine: dict[int, Places], clock_ns: Places, count: int
+    ) -> list[tuple[int, int, int]]:
+        """Return place, protocol and place among its epochs of those that do not just follow the
+        one before, as a heap.
+        """
         found: list[tuple[int, int, int]] = []
         for number, own in mine.items():
             clock = clock_ns[own[: np.searchsorted(own, count)]]
             before = np.append(self._tracks[number].clock_ns, clock[:-1])
             steps = clock - before
-            regular = (clock != ABSENT_NS) & (before != ABSENT_NS) & (steps >= 0) & (steps < self._rules.gap_ns)
-            found += [(int(own[place]), number, place) for place in np.flatnonzero(~regular).tolist()]
+            regular = (
+                (clock != ABSENT_NS)
+                & (before != ABSENT_NS)
+                & (steps >= 0)
+                & (steps < self._rules.gap_ns)
+            )
+            found += [
+                (int(own[place]), number, place) for place in np.flatnonzero(~regular).tolist()
+            ]
         return sorted(found)
 
     def _run(self, number: int, places: Places, clock_ns: Places, times: Places) -> None:
@@ -139,7 +162,10 @@ class Course:
         track = self._tracks[number]
         given = np.maximum(clock_ns[places] + track.lead_ns, track.time_ns)
         times[places] = given
-        steps = np.diff(given[-RECENT_INTERVALS - 1 :], prepend=[track.time_ns] if places.size <= RECENT_INTERVALS else [])
+        steps = np.diff(
+            given[-RECENT_INTERVALS - 1 :],
+            prepend=[track.time_ns] if places.size <= RECENT_INTERVALS else [],
+        )
         track.intervals.extend(steps[steps > 0].tolist())
         track.clock_ns, track.time_ns = int(clock_ns[places[-1]]), int(given[-1])
 
@@ -178,7 +204,10 @@ class Course:
         if clock == ABSENT_NS:
             return ABSENT_NS, NO_TIME_YET
         known = [time for time in ahead if time != ABSENT_NS]
-        follows = [0 <= later - earlier < self._rules.gap_ns for earlier, later in pairwise([clock, *known])]
+        follows = [
+            0 <= later - earlier < self._rules.gap_ns
+            for earlier, later in pairwise([clock, *known])
+        ]
         if len(follows) == AHEAD and not follows[0] and follows[1] and not self._rules.by_recorder:
             return ABSENT_NS, NO_TIME_YET
         track = self._tracks[number]
@@ -187,18 +216,28 @@ class Course:
         return track.time_ns, TIMED
 
     def _lead_of_another(self, number: int, clock: int) -> int | None:
-        """Return by how much the axis leads the clock of another protocol, if that fits a clock that starts or steps."""
+        """Return by how much the axis leads the clock of another protocol, if that fits a clock
+        that starts or steps.
+        """
         own = self._tracks[number]
         for other, track in self._tracks.items():
             if other != number and track.time_ns != ABSENT_NS:
-                earliest = own.time_ns if own.time_ns != ABSENT_NS else track.time_ns - self._rules.gap_ns
-                if earliest <= clock + track.lead_ns < max(earliest, track.time_ns) + self._rules.gap_ns:
+                earliest = (
+                    own.time_ns if own.time_ns != ABSENT_NS else track.time_ns - self._rules.gap_ns
+                )
+                if (
+                    earliest
+                    <= clock + track.lead_ns
+                    < max(earliest, track.time_ns) + self._rules.gap_ns
+                ):
                     return track.lead_ns
         return None
 
 
 class Interleaving:
-    """Refuses logs whose claimed times go back again and again, as those of two receivers do that are merged without order."""
+    """Refuses logs whose claimed times go back again and again, as those of two receivers do that
+    are merged without order.
+    """
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self._names = names
@@ -222,8 +261,15 @@ class Interleaving:
             counts = np.bincount(window, back)
             counts[0] += behind
             for count in counts[counts >= _TOO_MANY_BACK][:1].tolist():
-                raise ConversionError(_INTERLEAVED.format(judged=_JUDGED, protocol=self._names[number], back=int(count)))
-            self._seen[number] = (judged + back.size) % _JUDGED, int(counts[-1]) if (judged + back.size) % _JUDGED else 0
+                raise ConversionError(
+                    _INTERLEAVED.format(
+                        judged=_JUDGED, protocol=self._names[number], back=int(count)
+                    )
+                )
+            self._seen[number] = (
+                (judged + back.size) % _JUDGED,
+                int(counts[-1]) if (judged + back.size) % _JUDGED else 0,
+            )
 
     def finish(self) -> None:
         """Judge what is left, by the same share.
@@ -233,4 +279,6 @@ class Interleaving:
         """
         for number, (judged, back) in self._seen.items():
             if back >= 5 and back * _JUDGED >= judged * _TOO_MANY_BACK:
-                raise ConversionError(_INTERLEAVED.format(judged=judged, protocol=self._names[number], back=back))
+                raise ConversionError(
+                    _INTERLEAVED.format(judged=judged, protocol=self._names[number], back=back)
+                )

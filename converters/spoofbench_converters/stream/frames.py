@@ -1,7 +1,8 @@
-"""Where frames may stand in a stretch of bytes: every start of a UBX frame, a sentence or an RTCM 3 message, and what its checksum says.
+"""Where frames may stand in a stretch of bytes: every start of a UBX frame, a sentence or an RTCM 3
+message, and what its checksum says.
 
-All times are linear in the stretch, whatever it holds: checksums over any number of overlapping candidates come from
-running sums over the whole.
+All times are linear in the stretch, whatever it holds: checksums over any number of overlapping
+candidates come from running sums over the whole.
 """
 
 from dataclasses import dataclass
@@ -16,14 +17,17 @@ Places = NDArray[np.int64]
 Checksum = Literal["required", "missing-allowed", "ignored"]
 
 MAX_SENTENCE = 1024
-"""Longest sentence, from ``$`` to before ``*``. NMEA 0183 allows 82 characters; vendors' own sentences are longer."""
+"""Longest sentence, from ``$`` to before ``*``. NMEA 0183 allows 82 characters; vendors' own
+sentences are longer.
+"""
 
 MAX_FRAME = 65_535 + 8
 """Longest UBX frame: what its 16-bit length allows."""
 
 VALID, WRONG, MISSING, BROKEN, CUT = range(5)
-"""What becomes of a candidate: valid; wrong checksum; sentence up to the end of its line without a checksum; sentence broken
-off by another start, by a byte that no sentence has, or by length; cut off by the end of the log."""
+"""What becomes of a candidate: valid; wrong checksum; sentence up to the end of its line without a
+checksum; sentence broken off by another start, by a byte that no sentence has, or by length; cut
+off by the end of the log."""
 
 _MAX_RTCM = 1023 + 6
 _CRC24Q = 0x1864CFB
@@ -35,7 +39,9 @@ _LF, _CR, _BANG, _DOLLAR, _STAR = b"\n\r!$*"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Places that begin like a frame: ``[starts, ends)`` in order of their starts, and one verdict each, int64 and uint8 ``(k,)``."""
+    """Places that begin like a frame: ``[starts, ends)`` in order of their starts, and one verdict
+    each, int64 and uint8 ``(k,)``.
+    """
 
     starts: Places
     ends: Places
@@ -55,7 +61,9 @@ class Candidates:
 
 
 def ubx(octets: Octets) -> Candidates:
-    """Return every ``B5 62`` (u-blox interface descriptions, UBX frame structure; checksum: 8-bit Fletcher, RFC 1145)."""
+    """Return every ``B5 62`` (u-blox interface descriptions, UBX frame structure; checksum: 8-bit
+    Fletcher, RFC 1145).
+    """
     starts = np.flatnonzero(octets[:-1] == 0xB5)
     starts = starts[octets[starts + 1] == 0x62]
     lengths = np.zeros(starts.size, np.int64)
@@ -65,13 +73,15 @@ def ubx(octets: Octets) -> Candidates:
     whole = told & (ends <= octets.size)
     verdicts = np.full(starts.size, CUT, np.uint8)
     if whole.any():
-        verdicts[whole] = np.where(_fletcher_agrees(octets, starts[whole] + 2, ends[whole] - 2), VALID, WRONG)
+        verdicts[whole] = np.where(
+            _fletcher_agrees(octets, starts[whole] + 2, ends[whole] - 2), VALID, WRONG
+        )
     return Candidates(starts, ends, verdicts)
 
 
 def _fletcher_agrees(octets: Octets, starts: Places, ends: Places) -> NDArray[np.bool_]:
-    """Whether the two bytes at each end are the Fletcher checksum of ``[start, end)``: modulo 256, the sum of the bytes, and that of
-    the bytes times their distance from the end."""
+    """Whether the two bytes at each end are the Fletcher checksum of ``[start, end)``: modulo 256,
+    the sum of the bytes, and that of the bytes times their distance from the end."""
     first = int(starts[0])
     here, before, after = octets[first : int(ends.max()) + 1], starts - first, ends - first
     if int((ends - starts).sum()) <= 2 * here.size:
@@ -84,11 +94,14 @@ def _fletcher_agrees(octets: Octets, starts: Places, ends: Places) -> NDArray[np
     np.cumsum(sums[0, 1:], out=sums[1, 1:])
     a = sums[0, after] - sums[0, before]
     b = sums[1, after] - sums[1, before] - (after - before).astype(np.uint32) * sums[0, before]
-    return np.asarray((a.astype(np.uint8) == octets[ends]) & (b.astype(np.uint8) == octets[ends + 1]))
+    return np.asarray(
+        (a.astype(np.uint8) == octets[ends]) & (b.astype(np.uint8) == octets[ends + 1])
+    )
 
 
 def sentences(octets: Octets, checksum: Checksum) -> Candidates:
-    """Return every ``$`` or ``!`` before a capital letter (IEC 61162-1; checksum: XOR of what stands between start and ``*``).
+    """Return every ``$`` or ``!`` before a capital letter (IEC 61162-1; checksum: XOR of what
+    stands between start and ``*``).
 
     A candidate ends after ``*hh``; one without ``*`` at the end of its line, if it comes to one.
     """
@@ -110,7 +123,9 @@ def sentences(octets: Octets, checksum: Checksum) -> Candidates:
     return Candidates(starts, np.where(starred & (verdicts == VALID), ends + 3, ends), verdicts)
 
 
-def _checked(octets: Octets, starts: Places, stars: Places, checksum: Checksum) -> NDArray[np.uint8]:
+def _checked(
+    octets: Octets, starts: Places, stars: Places, checksum: Checksum
+) -> NDArray[np.uint8]:
     """Return the verdicts on sentences that end with ``*``."""
     if not starts.size:
         return np.zeros(0, np.uint8)
@@ -118,16 +133,22 @@ def _checked(octets: Octets, starts: Places, stars: Places, checksum: Checksum) 
     told = (high < 16) & (low < 16)
     agrees = told
     if checksum != "ignored":
-        agrees = told & (_reduced(np.bitwise_xor, octets, starts + 1, stars) == high * np.uint8(16) + low)
+        agrees = told & (
+            _reduced(np.bitwise_xor, octets, starts + 1, stars) == high * np.uint8(16) + low
+        )
     return np.where(agrees, VALID, np.where(stars + 2 >= octets.size, CUT, WRONG)).astype(np.uint8)
 
 
 def rtcm3(octets: Octets, outside: Candidates | None) -> Candidates:
-    """Return every valid RTCM 3 message (RTCM 10403, transport layer; CRC-24Q) that does not start within one of these frames."""
+    """Return every valid RTCM 3 message (RTCM 10403, transport layer; CRC-24Q) that does not start
+    within one of these frames.
+    """
     starts = np.flatnonzero(octets[:-5] == 0xD3) if octets.size > 5 else np.zeros(0, np.int64)
     starts = starts[octets[starts + 1] < 4]
     if outside is not None:
-        starts = starts[starts >= np.append(0, outside.ends)[np.searchsorted(outside.starts, starts)]]
+        starts = starts[
+            starts >= np.append(0, outside.ends)[np.searchsorted(outside.starts, starts)]
+        ]
     ends = starts + 6 + octets[starts + 1].astype(np.int64) * 256 + octets[starts + 2]
     whole = ends <= octets.size
     starts, ends = starts[whole], ends[whole]
@@ -143,8 +164,9 @@ def rtcm3(octets: Octets, outside: Candidates | None) -> Candidates:
 def _crc_agrees(octets: Octets, starts: Places, ends: Places) -> NDArray[np.bool_]:
     """Whether the CRC-24Q over message and checksum is zero.
 
-    A CRC is the remainder of a sum of one term per byte. Terms are scaled by a power of x as if each window were one message;
-    x is invertible, so the running sums before and after a message are equal just if its own remainder is zero.
+    A CRC is the remainder of a sum of one term per byte. Terms are scaled by a power of x as if
+    each window were one message; x is invertible, so the running sums before and after a message
+    are equal just if its own remainder is zero.
     """
     windows, row = np.unique(starts // _STRIDE, return_inverse=True)
     places = windows[:, None] * _STRIDE + np.arange(_WINDOW)
@@ -157,7 +179,9 @@ def _crc_agrees(octets: Octets, starts: Places, ends: Places) -> NDArray[np.bool
 
 @cache
 def _crc_terms() -> NDArray[np.uint32]:
-    """Return what each byte value adds to the remainder at each place of a window, uint32 ``(window, 256)``."""
+    """Return what each byte value adds to the remainder at each place of a window, uint32
+    ``(window, 256)``.
+    """
     by_byte = np.arange(256, dtype=np.uint32) << 16
     for _ in range(8):
         by_byte = (by_byte << 1) ^ np.where(by_byte & 0x800000, np.uint32(_CRC24Q), np.uint32(0))
@@ -178,7 +202,9 @@ def _hex_values() -> NDArray[np.uint8]:
 
 
 def chosen(starts: Places, ends: Places) -> NDArray[np.bool_]:
-    """Return which valid candidates a scan from left to right takes: each that starts at or after the end of the one taken before."""
+    """Return which valid candidates a scan from left to right takes: each that starts at or after
+    the end of the one taken before.
+    """
     taken = np.ones(starts.size, bool)
     if np.any(starts[1:] < ends[:-1]):
         reached = 0
@@ -189,7 +215,9 @@ def chosen(starts: Places, ends: Places) -> NDArray[np.bool_]:
 
 
 def line_ends(octets: Octets, ends: Places) -> Places:
-    """Return where the line end after each place ends: up to two carriage returns and a line feed, if there are any."""
+    """Return where the line end after each place ends: up to two carriage returns and a line feed,
+    if there are any.
+    """
     for byte in (_CR, _CR, _LF):
         ends = ends + (_at(octets, ends) == byte)
     return ends

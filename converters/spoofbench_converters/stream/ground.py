@@ -9,10 +9,12 @@ from spoofbench_converters.stream.frames import Places
 
 
 class Ground:
-    """Keeps account of the rejects of a stretch of a log, so that those of whole epochs do not overlap them.
+    """Keeps account of the rejects of a stretch of a log, so that those of whole epochs do not
+    overlap them.
 
-    An epoch is known by the offset of its first frame and the sum of its frames' bytes, between which frames of others
-    may stand. Its bytes are laid on the first ground from its offset on that no reject has.
+    An epoch is known by the offset of its first frame and the sum of its frames' bytes, between
+    which frames of others may stand. Its bytes are laid on the first ground from its offset on that
+    no reject has.
     """
 
     def __init__(self) -> None:
@@ -34,7 +36,9 @@ class Ground:
         self._starts, self._ends = [starts[apart]], [ends[np.append(apart[1:], True)[: ends.size]]]
 
     def lay(self, offsets: Places, lengths: Places, reason: str) -> Iterator[Rejects]:
-        """Yield rejects for epochs in the order of their offsets, none of whose bytes overlap a reject known."""
+        """Yield rejects for epochs in the order of their offsets, none of whose bytes overlap a
+        reject known.
+        """
         starts, ends = (each.tolist() for each in self._sorted())
         places, sizes, at, here = [], [], 0, 0
         for offset, length in zip(offsets.tolist(), lengths.tolist(), strict=True):

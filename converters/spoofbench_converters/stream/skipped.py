@@ -35,11 +35,14 @@ class Marks:
     reasons: NDArray[np.int8]
 
 
-def divide(octets: Octets, gaps: tuple[Places, Places], marks: Marks, at_line_start: bool) -> tuple[Places, Places, NDArray[np.int8]]:
+def divide(
+    octets: Octets, gaps: tuple[Places, Places], marks: Marks, at_line_start: bool
+) -> tuple[Places, Places, NDArray[np.int8]]:
     """Return starts, ends and reasons of the rejects that skipped bytes make.
 
-    A run of skipped bytes is divided where a damaged frame or sentence, or a comment, starts; a damaged sentence and a
-    comment end with their line. The rest of a run is blank, else text, else binary.
+    A run of skipped bytes is divided where a damaged frame or sentence, or a comment, starts; a
+    damaged sentence and a comment end with their line. The rest of a run is blank, else text, else
+    binary.
 
     Args:
         octets: a stretch of the log.
@@ -60,7 +63,9 @@ def divide(octets: Octets, gaps: tuple[Places, Places], marks: Marks, at_line_st
     bounds = bounds[np.diff(bounds, prepend=-1) > 0]
     reasons = np.full(bounds.size, -1, np.int8)
     reasons[np.searchsorted(bounds, places)] = of_marks
-    stops = np.minimum(np.append(bounds[1:], octets.size), ends[np.searchsorted(starts, bounds, "right") - 1])
+    stops = np.minimum(
+        np.append(bounds[1:], octets.size), ends[np.searchsorted(starts, bounds, "right") - 1]
+    )
     bounds, stops, reasons = _shortened(bounds, stops, reasons)
     by_content = reasons < 0
     reasons[by_content] = _content(octets, bounds[by_content], stops[by_content])
@@ -70,14 +75,20 @@ def divide(octets: Octets, gaps: tuple[Places, Places], marks: Marks, at_line_st
 def rejects(base: int, starts: Places, ends: Places, reasons: NDArray[np.int8]) -> list[Rejects]:
     """Return rejects by reason; ``base`` is the offset of the stretch in the log."""
     return [
-        Rejects(starts[reasons == reason] + base, (ends - starts)[reasons == reason], REASONS[reason])
+        Rejects(
+            starts[reasons == reason] + base, (ends - starts)[reasons == reason], REASONS[reason]
+        )
         for reason in np.unique(reasons).tolist()
     ]
 
 
 def _within(places: Places, starts: Places, ends: Places) -> NDArray[np.bool_]:
     gap = np.searchsorted(starts, places, "right") - 1
-    return np.asarray((gap >= 0) & (places < ends[gap])) if starts.size else np.zeros(places.size, bool)
+    return (
+        np.asarray((gap >= 0) & (places < ends[gap]))
+        if starts.size
+        else np.zeros(places.size, bool)
+    )
 
 
 def _comments(octets: Octets, starts: Places, ends: Places, at_line_start: bool) -> Places:
@@ -96,7 +107,9 @@ def _line_stops(octets: Octets, places: Places) -> Places:
     return line_ends(octets, breaks[np.searchsorted(breaks, places)])
 
 
-def _shortened(starts: Places, stops: Places, reasons: NDArray[np.int8]) -> tuple[Places, Places, NDArray[np.int8]]:
+def _shortened(
+    starts: Places, stops: Places, reasons: NDArray[np.int8]
+) -> tuple[Places, Places, NDArray[np.int8]]:
     """Divide what is longer than a reject may be."""
     pieces = -(-(stops - starts) // LONGEST)
     if (pieces <= 1).all():
@@ -104,16 +117,26 @@ def _shortened(starts: Places, stops: Places, reasons: NDArray[np.int8]) -> tupl
     of = np.repeat(np.arange(starts.size), pieces)
     number = np.arange(of.size) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     begins = starts[of] + number * LONGEST
-    return begins, np.minimum(begins + LONGEST, stops[of]), np.where(number == 0, reasons[of], np.int8(-1))
+    return (
+        begins,
+        np.minimum(begins + LONGEST, stops[of]),
+        np.where(number == 0, reasons[of], np.int8(-1)),
+    )
 
 
 def _content(octets: Octets, starts: Places, stops: Places) -> NDArray[np.int8]:
-    """Return whether each stretch is blank, text or binary; they do not overlap and none is empty."""
+    """Return whether each stretch is blank, text or binary; they do not overlap and none is
+    empty.
+    """
     if not starts.size:
         return np.zeros(0, np.int8)
     lengths = stops - starts
     begins = np.cumsum(lengths) - lengths
     here = octets[np.arange(int(lengths.sum())) + np.repeat(starts - begins, lengths)]
     blank = (here == _LF) | (here == _CR) | (here == 0x20) | (here == 0x09)
-    kinds = np.where(blank, np.uint8(BLANK), np.where(here - np.uint8(0x20) <= 0x7E - 0x20, np.uint8(TEXT), np.uint8(BINARY)))
+    kinds = np.where(
+        blank,
+        np.uint8(BLANK),
+        np.where(here - np.uint8(0x20) <= 0x7E - 0x20, np.uint8(TEXT), np.uint8(BINARY)),
+    )
     return np.asarray(np.maximum.reduceat(kinds, begins), np.int8)

@@ -22,7 +22,9 @@ class Beginning:
     share: float
 
     def score(self) -> float:
-        """Return how sure it is that a source with such frames is a stream of them; one mostly of other text is for others to claim."""
+        """Return how sure it is that a source with such frames is a stream of them; one mostly of
+        other text is for others to claim.
+        """
         return _LEAST + (_MOST - _LEAST) * self.share
 
 

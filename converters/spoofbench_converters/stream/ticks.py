@@ -10,12 +10,16 @@ from spoofbench.converting.ordering import join, take
 
 BLOCK_EPOCHS = 60
 RESTART_NS = 60_000_000_000
-"""A lead that changes by more than this from one epoch to the next is that of a counter which has started anew."""
+"""A lead that changes by more than this from one epoch to the next is that of a counter which has
+started anew.
+"""
 
 
 @dataclass(slots=True)
 class _Block:
-    """Epochs in a row: their counter where their rows begin, how far their time leads it, and the rows."""
+    """Epochs in a row: their counter where their rows begin, how far their time leads it, and the
+    rows.
+    """
 
     ticks: list[int] = field(default_factory=list)
     leads: list[int] = field(default_factory=list)
@@ -29,10 +33,11 @@ class _Block:
 class Counter:
     """Gives one sensor's rows times by its counter.
 
-    An epoch's messages and the row behind them were given out together, so the row's time is about that of the epoch. The
-    lead of time over counter is the median over sixty epochs in a row, which neither jitter nor a delayed row disturbs,
-    and is linear between the middles of such blocks. What all epochs have in common of the delay between their
-    time and their output remains: times are too early by as much.
+    An epoch's messages and the row behind them were given out together, so the row's time is about
+    that of the epoch. The lead of time over counter is the median over sixty epochs in a row, which
+    neither jitter nor a delayed row disturbs, and is linear between the middles of such blocks.
+    What all epochs have in common of the delay between their time and their output remains: times
+    are too early by as much.
     """
 
     def __init__(self) -> None:
@@ -45,8 +50,8 @@ class Counter:
     def push(self, rows: Columns) -> Iterator[Columns]:
         """Take the next rows in file order.
 
-        Args:
-            rows: ``tick_ns`` and whatever else, and ``epoch`` and ``epoch_ns``, number and time of each row's epoch.
+        Args: rows: ``tick_ns`` and whatever else, and ``epoch`` and ``epoch_ns``, number and time
+            of each row's epoch.
 
         Yields:
             Rows with ``time_ns``.
@@ -81,7 +86,9 @@ class Counter:
         }
 
     def _close(self, last: bool) -> Iterator[Columns]:
-        """Close the open block; give the rows of the one before, and its own if it is the last before a restart or the end."""
+        """Close the open block; give the rows of the one before, and its own if it is the last
+        before a restart or the end.
+        """
         block, self._open = self._open, _Block()
         middle = block.middle()
         if self._lead_ns is None:

@@ -25,7 +25,9 @@ _WORDS = 1000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timed:
-    """A decoder's epochs with their times and verdicts, int64 and uint8 ``(m,)``, and the running number of the first."""
+    """A decoder's epochs with their times and verdicts, int64 and uint8 ``(m,)``, and the running
+    number of the first.
+    """
 
     epochs: Epochs
     times: Places
@@ -38,7 +40,10 @@ class Topic:
 
     def __init__(self, source: str, kind: str) -> None:
         self.source, self.name = source, topic_of(source, kind)
-        self.positions, self.moving = 0, 0  # rows with a position, and of these with a velocity or speed
+        self.positions, self.moving = (
+            0,
+            0,
+        )  # rows with a position, and of these with a velocity or speed
         self._kind = KINDS[kind]
         self._words: dict[str, dict[Any, int]] = {}
         self._order = InOrder()
@@ -52,8 +57,14 @@ class Topic:
 
     @property
     def preference(self) -> tuple[bool, bool, int]:
-        """Sorts receivers: those first of which half the positions have a velocity or speed, then those with positions, then by number."""
-        return 2 * self.moving < max(self.positions, 1), not self.positions, int(self.source.removeprefix("gnss"))
+        """Sorts receivers: those first of which half the positions have a velocity or speed, then
+        those with positions, then by number.
+        """
+        return (
+            2 * self.moving < max(self.positions, 1),
+            not self.positions,
+            int(self.source.removeprefix("gnss")),
+        )
 
     def push(self, rows: Rows, timed: Timed) -> Iterator[Block | Rejects]:
         """Take the next rows."""
@@ -64,9 +75,16 @@ class Topic:
         epoch = rows.epoch[kept]
         columns = self._flat(rows, kept)
         columns["offset"] = timed.epochs.offset[epoch]
-        received = timed.epochs.receive_time_ns[epoch] if rows.receive_time_ns is None else rows.receive_time_ns[kept]
+        received = (
+            timed.epochs.receive_time_ns[epoch]
+            if rows.receive_time_ns is None
+            else rows.receive_time_ns[kept]
+        )
         if np.any(received != ABSENT_NS):
-            columns |= {"receive_time_ns": np.where(received == ABSENT_NS, 0, received), f"{_VALID}receive_time_ns": received != ABSENT_NS}
+            columns |= {
+                "receive_time_ns": np.where(received == ABSENT_NS, 0, received),
+                f"{_VALID}receive_time_ns": received != ABSENT_NS,
+            }
         columns["time_ns"] = timed.times[epoch]
         if rows.tick_ns is None:
             if rows.offset_ns is not None:
@@ -74,7 +92,11 @@ class Topic:
             yield from self._sort(columns)
         else:
             self._counter = self._counter or Counter()
-            placing = {"tick_ns": rows.tick_ns[kept], "epoch": epoch + timed.first, "epoch_ns": columns.pop("time_ns")}
+            placing = {
+                "tick_ns": rows.tick_ns[kept],
+                "epoch": epoch + timed.first,
+                "epoch_ns": columns.pop("time_ns"),
+            }
             for ready in self._counter.push(columns | placing):
                 yield from self._sort(ready)
 
@@ -89,7 +111,9 @@ class Topic:
         return self._counter.about() if self._counter else {}
 
     def _flat(self, rows: Rows, kept: slice | Places) -> Columns:
-        """Return the rows' columns as bare arrays: what is there of one that is no float as another, codes for words."""
+        """Return the rows' columns as bare arrays: what is there of one that is no float as
+        another, codes for words.
+        """
         flat: Columns = {}
         for name, given in rows.columns.items():
             category = self._kind.fields[name].category
@@ -97,20 +121,30 @@ class Topic:
             flat[name] = column.values[kept]
             if column.words is not None:
                 words = self._words.setdefault(name, {})
-                codes = np.array([words.setdefault(word, len(words)) for word in column.words] + [-1], np.int32)
+                codes = np.array(
+                    [words.setdefault(word, len(words)) for word in column.words] + [-1], np.int32
+                )
                 flat[name] = codes[flat[name]]
             elif category != "float":
-                flat[_VALID + name] = np.ones(flat[name].size, bool) if column.valid is None else column.valid[kept]
+                flat[_VALID + name] = (
+                    np.ones(flat[name].size, bool) if column.valid is None else column.valid[kept]
+                )
         return flat
 
     def _sort(self, columns: Columns) -> Iterator[Block | Rejects]:
         time_ns = columns.pop("time_ns")
         first = self._first + (self._kept["gone"].size if self._kept else 0)
         self._kept = _joined(self._kept, {**columns, "gone": np.zeros(time_ns.size, bool)})
-        yield from self._give(*self._order.push({"time_ns": time_ns, "number": np.arange(first, first + time_ns.size)}))
+        yield from self._give(
+            *self._order.push(
+                {"time_ns": time_ns, "number": np.arange(first, first + time_ns.size)}
+            )
+        )
 
     def _give(self, ready: Columns, refused: Columns) -> Iterator[Block | Rejects]:
-        """Yield the rows that the order gives; let go of them as far as no earlier one is still held."""
+        """Yield the rows that the order gives; let go of them as far as no earlier one is still
+        held.
+        """
         for rows in (ready, refused):
             if rows and rows["number"].size:
                 places = rows["number"] - self._first
@@ -119,7 +153,9 @@ class Topic:
                     yield self._block(take(self._kept, _places(places)), rows["time_ns"])
                 else:
                     nothing = np.zeros(places.size, np.int64)
-                    yield Rejects(self._kept["offset"][places], nothing, f"time runs backwards in {self.name}")
+                    yield Rejects(
+                        self._kept["offset"][places], nothing, f"time runs backwards in {self.name}"
+                    )
         if self._kept:
             gone = self._kept["gone"]
             count = gone.size if gone.all() else int(np.argmin(gone))
@@ -138,7 +174,11 @@ class Topic:
         if self.is_pvt:
             position = ~np.isnan(table["lat_deg"])
             self.positions += int(np.count_nonzero(position))
-            self.moving += int(np.count_nonzero(position & ~(np.isnan(table["vel_n_mps"]) & np.isnan(table["speed_mps"]))))
+            self.moving += int(
+                np.count_nonzero(
+                    position & ~(np.isnan(table["vel_n_mps"]) & np.isnan(table["speed_mps"]))
+                )
+            )
         return Block(self.name, table, 0)
 
     def _renumber(self, held: int) -> None:
@@ -147,7 +187,9 @@ class Topic:
             if len(words) > _WORDS + held and name in self._kept:
                 codes, place = np.unique(self._kept[name], return_inverse=True)
                 known = list(words)
-                self._words[name] = {known[code]: number for number, code in enumerate(codes[codes >= 0].tolist())}
+                self._words[name] = {
+                    known[code]: number for number, code in enumerate(codes[codes >= 0].tolist())
+                }
                 self._kept[name] = (place - np.count_nonzero(codes < 0)).astype(np.int32)
 
 
@@ -176,6 +218,12 @@ def _widened(columns: Columns, other: Columns) -> Columns:
     rows, wide = columns["gone"].size, dict(columns)
     for name in other.keys() - columns.keys():
         dtype = other[name].dtype
-        absent = np.nan if dtype.kind == "f" else 0 if dtype.kind == "b" or _VALID + name in other else -1
+        absent = (
+            np.nan
+            if dtype.kind == "f"
+            else 0
+            if dtype.kind == "b" or _VALID + name in other
+            else -1
+        )
         wide[name] = np.full(rows, absent, dtype)
     return wide

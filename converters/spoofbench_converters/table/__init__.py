@@ -1,8 +1,10 @@
-"""Converter of tables: delimited text, Parquet, MAT files and NumPy arrays, by a mapping of columns to topics.
+"""Converter of tables: delimited text, Parquet, MAT files and NumPy arrays, by a mapping of columns
+to topics.
 
-A mapping is a small TOML file (see :mod:`spoofbench_converters.table.mapping`); those that come with the converter are
-recognised by the exact columns of their tables. A folder or archive is one session; so is a mapping beside its files.
-Rows of formats other than text have no bytes of their own: those of the file are shared out evenly.
+A mapping is a small TOML file (see :mod:`spoofbench_converters.table.mapping`); those that come
+with the converter are recognised by the exact columns of their tables. A folder or archive is one
+session; so is a mapping beside its files. Rows of formats other than text have no bytes of their
+own: those of the file are shared out evenly.
 """
 
 import json
@@ -34,12 +36,12 @@ UNIT: Literal["bytes"] = "bytes"
 class Options:
     """Options of the converter.
 
-    Attributes:
-        mapping: the path of a mapping, or the name of one that comes with the converter; None: the one that knows the log.
-        date: UTC date or time of the first row, for clocks without date (``2025-07-08`` or ``2025-07-08T19:34:18.5``).
-        append_clock: a clock that jumps back goes on at its interval, instead of its rows being skipped.
-        source: the one source to convert, such as ``gnss1``, where the mapping has several of a kind.
-        session: name of the session, shared by its recordings.
+    Attributes: mapping: the path of a mapping, or the name of one that comes with the converter;
+        None: the one that knows the log. date: UTC date or time of the first row, for clocks
+        without date (``2025-07-08`` or ``2025-07-08T19:34:18.5``). append_clock: a clock that jumps
+        back goes on at its interval, instead of its rows being skipped. source: the one source to
+        convert, such as ``gnss1``, where the mapping has several of a kind. session: name of the
+        session, shared by its recordings.
     """
 
     mapping: str | None = None
@@ -54,11 +56,23 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
     session = open_session(source, options.mapping)
     if options.source is not None:
         session = replace(session, mapping=_only(session.mapping, options.source))
-    sizes = [file.size() for file in [*chain(*session.files.values()), *session.unused, *([session.tags] if session.tags else [])]]
+    sizes = [
+        file.size()
+        for file in [
+            *chain(*session.files.values()),
+            *session.unused,
+            *([session.tags] if session.tags else []),
+        ]
+    ]
     if None not in sizes:
         yield Extent(sum(size or 0 for size in sizes))
     start_ns, facts = start_of(session, options.date)
-    yield Facts({"recording": {"clock": session.mapping.clock, "mapping": session.mapping.name, **facts}, **session.mapping.sources})
+    yield Facts(
+        {
+            "recording": {"clock": session.mapping.clock, "mapping": session.mapping.name, **facts},
+            **session.mapping.sources,
+        }
+    )
     base = 0
     for table in session.tables():
         topics = Topics(table, start_ns, options.append_clock)
@@ -73,7 +87,9 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
         yield from _learned(topics)
     if session.tags is not None:
         first = next(session.tables()).topics[0]
-        yield Block(first.topic, Table(first.kind, np.zeros(0, np.int64), {}), session.tags.size() or 0)
+        yield Block(
+            first.topic, Table(first.kind, np.zeros(0, np.int64), {}), session.tags.size() or 0
+        )
     for file in session.unused:
         octets = file.count()
         yield Reject(base, octets, "a file that is not in the mapping")
@@ -87,11 +103,19 @@ def _learned(topics: Topics) -> Iterator[Facts]:
     for topic, held in topics.held.items():
         yield Facts({f"source/{split_topic(topic)[0]}": {"repeated_rows": str(held)}})
     if topics.steps:
-        yield Facts({"recording": {"clock_steps": json.dumps(topics.steps), "clock_step_count": str(topics.step_count)}})
+        yield Facts(
+            {
+                "recording": {
+                    "clock_steps": json.dumps(topics.steps),
+                    "clock_step_count": str(topics.step_count),
+                }
+            }
+        )
 
 
 def _only(mapping: Mapping, source: str) -> Mapping:
-    """Return a mapping without the topics of other sources that are of a kind with those of this one.
+    """Return a mapping without the topics of other sources that are of a kind with those of this
+    one.
 
     Raises:
         ConversionError: it has no such source.
@@ -100,10 +124,16 @@ def _only(mapping: Mapping, source: str) -> Mapping:
     kinds = {topic.kind for topic in topics if topic.source == source}
     if not kinds:
         raise ConversionError(
-            f"the mapping {mapping.name!r} has no source {source!r}; it has {sorted({topic.source for topic in topics} - {''})}"
+            f"the mapping {mapping.name!r} has no source {source!r}; it has "
+            f"{sorted({topic.source for topic in topics} - {''})}"
         )
     tables = [
-        replace(table, topics=tuple(topic for topic in table.topics if topic.source == source or topic.kind not in kinds))
+        replace(
+            table,
+            topics=tuple(
+                topic for topic in table.topics if topic.source == source or topic.kind not in kinds
+            ),
+        )
         for table in mapping.tables
     ]
     return replace(mapping, tables=tuple(table for table in tables if table.topics))

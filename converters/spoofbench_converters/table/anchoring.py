@@ -25,25 +25,32 @@ UNDATED = "the clock has no date: it counts from 1970-01-01; give the first row'
 
 
 def start_of(session: Session, date: str | None) -> tuple[int, dict[str, str]]:
-    """Return the Unix time at which the session's clock without date counts 0, and what to say of it in the metadata.
+    """Return the Unix time at which the session's clock without date counts 0, and what to say of
+    it in the metadata.
 
     Raises:
         ConversionError: the date that the user gives is none; the anchor cannot be found.
     """
     moment = None if date is None else _moment(date)
-    relative = [table for table in session.tables() if table.time is not None and table.time.is_relative]
+    relative = [
+        table for table in session.tables() if table.time is not None and table.time.is_relative
+    ]
     if not relative:
         return 0, {}
     table, anchor = relative[0], session.mapping.anchor
     if date is not None and moment is not None:
         assert table.time is not None
-        return moment // DAY_NS * DAY_NS if table.time.of_day else moment - _first(session, table), {"reference_date": date}
+        return moment // DAY_NS * DAY_NS if table.time.of_day else moment - _first(
+            session, table
+        ), {"reference_date": date}
     if anchor is not None and anchor.time is not None and session.files.get(anchor.table):
         return _by_row(session, anchor, anchor.time), {
             "reference_date_basis": f"the rows of table {anchor.table!r} with a time of their own"
         }
     if anchor is not None and session.tags is not None and session.files.get(anchor.table):
-        return _by_tags(session, anchor), {"reference_date_basis": f"the time tags {session.tags.name!r}"}
+        return _by_tags(session, anchor), {
+            "reference_date_basis": f"the time tags {session.tags.name!r}"
+        }
     return 0, {"reference_date_basis": UNDATED}
 
 
@@ -51,7 +58,9 @@ def _moment(date: str) -> int:
     try:
         return moment_ns(date)
     except ValueError:
-        raise ConversionError(f"the date {date!r} must be written like 2025-07-08 or 2025-07-08T19:34:18.5") from None
+        raise ConversionError(
+            f"the date {date!r} must be written like 2025-07-08 or 2025-07-08T19:34:18.5"
+        ) from None
 
 
 def _table(session: Session, name: str) -> TableSpec:
@@ -59,7 +68,11 @@ def _table(session: Session, name: str) -> TableSpec:
 
 
 def _rows(session: Session, table: TableSpec) -> Iterator[Rows]:
-    yield from (item for item in rows(table, session.files[table.name], 0) if isinstance(item, Rows) and item.offsets.size)
+    yield from (
+        item
+        for item in rows(table, session.files[table.name], 0)
+        if isinstance(item, Rows) and item.offsets.size
+    )
 
 
 def _first(session: Session, table: TableSpec) -> int:
@@ -73,7 +86,9 @@ def _first(session: Session, table: TableSpec) -> int:
 
 
 def _by_row(session: Session, anchor: Anchor, time: TimeSpec) -> int:
-    """Return the start by the first rows with both the clock's count and a time of their own: the median, since the first may be wrong."""
+    """Return the start by the first rows with both the clock's count and a time of their own: the
+    median, since the first may be wrong.
+    """
     table = _table(session, anchor.table)
     assert table.time is not None
     own = replace(table, time=replace(table.time, also=time.columns()))
@@ -84,15 +99,17 @@ def _by_row(session: Session, anchor: Anchor, time: TimeSpec) -> int:
         if good.size:
             return int(np.sort(moment_ns[good] - count_ns[good])[good.size // 2])
     raise ConversionError(
-        f"no row of the table {table.name!r} tells when its clock was started; give the time of the first row with --date"
+        f"no row of the table {table.name!r} tells when its clock was started; give the time of "
+        "the first row with --date"
     )
 
 
 def _by_tags(session: Session, anchor: Anchor) -> int:
-    """Return the start by RTKLIB's time tags of the first rows (RTKLIB ver. 2.4.2 Manual, appendix; stream.c): the least delayed counts.
+    """Return the start by RTKLIB's time tags of the first rows (RTKLIB ver. 2.4.2 Manual, appendix;
+    stream.c): the least delayed counts.
 
-    A tag is the time in milliseconds since the first at which the file had so many bytes. Where the file's line ends
-    were shortened since, the second byte of each is added.
+    A tag is the time in milliseconds since the first at which the file had so many bytes. Where the
+    file's line ends were shortened since, the second byte of each is added.
     """
     table = _table(session, anchor.table)
     assert table.time is not None
@@ -107,11 +124,15 @@ def _by_tags(session: Session, anchor: Anchor) -> int:
         good = (row >= 0) & (octets[:TAGS] <= ends[-1]) & ~bad[np.maximum(row, 0)]
         if good.any():
             return int((origin_ns + ticks_ms[:TAGS] * MS_NS - count_ns[row])[good].min())
-    raise ConversionError(f"the time tags {session.tags.name!r} are not those of the table {table.name!r}")
+    raise ConversionError(
+        f"the time tags {session.tags.name!r} are not those of the table {table.name!r}"
+    )
 
 
 def _read_tags(session: Session) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the time of the first tag, UTC, the tags' ticks in milliseconds and the bytes that the file had then."""
+    """Return the time of the first tag, UTC, the tags' ticks in milliseconds and the bytes that the
+    file had then.
+    """
     assert session.tags is not None
     content = session.tags.whole()
     octets = len(content) - TAG_HEADER
@@ -119,7 +140,9 @@ def _read_tags(session: Session) -> tuple[int, NDArray[np.int64], NDArray[np.int
         raise ConversionError(f"{session.tags.name!r} is no time tag file of RTKLIB")
     seconds, part = struct.unpack_from("<Id", content, 64)
     if not 0 <= part < 1:
-        raise ConversionError(f"{session.tags.name!r} is no time tag file of RTKLIB: its first time is damaged")
+        raise ConversionError(
+            f"{session.tags.name!r} is no time tag file of RTKLIB: its first time is damaged"
+        )
     tags = np.frombuffer(content, TAG, octets // TAG.itemsize, TAG_HEADER)
     moment = gps_to_utc(np.array([seconds * SECOND_NS + round(part * SECOND_NS)]))
     return int(moment[0]), tags["tick"].astype(np.int64), tags["octets"].astype(np.int64)

@@ -10,13 +10,14 @@ MAX_STEPS = 1000
 
 
 class Appending:
-    """Moves all that follows a jump back of more than ``window_ns`` so that it goes on at the interval before.
+    """Moves all that follows a jump back of more than ``window_ns`` so that it goes on at the
+    interval before.
 
-    A lone row that leaps ahead and back is left as it is. The same rows give the same result however they are cut.
+    A lone row that leaps ahead and back is left as it is. The same rows give the same result
+    however they are cut.
 
-    Attributes:
-        steps: the first 1000 jumps: ``offset`` of the row in the source, ``from_ns`` and ``to_ns`` of the log's own clock.
-        step_count: how many there were.
+    Attributes: steps: the first 1000 jumps: ``offset`` of the row in the source, ``from_ns`` and
+        ``to_ns`` of the log's own clock. step_count: how many there were.
     """
 
     def __init__(self, window_ns: int = SECOND_NS) -> None:
@@ -25,7 +26,9 @@ class Appending:
         self._window_ns = window_ns
         self._added_ns = 0
         self._interval_ns = 0  # the last one of the clock that is no jump
-        self._before_ns: int | None = None  # the log's own time of the last row that was given, and whether that leapt
+        self._before_ns: int | None = (
+            None  # the log's own time of the last row that was given, and whether that leapt
+        )
         self._leapt = False
         self._last: Columns = {}  # the newest row: whether it leaps shows with the next
 
@@ -47,14 +50,24 @@ class Appending:
         steps = np.diff(own, prepend=own[0] if self._before_ns is None else self._before_ns)
         before = own - steps
         after = np.append(own[1:], own[-1] if following is None else following)
-        leaps = (steps > self._window_ns) & (own - after > self._window_ns) & (after >= before - self._window_ns)
+        leaps = (
+            (steps > self._window_ns)
+            & (own - after > self._window_ns)
+            & (after >= before - self._window_ns)
+        )
         returns = np.append(self._leapt, leaps[:-1])
         back = np.flatnonzero((steps < -self._window_ns) & ~returns)
         intervals = self._intervals(steps)
         added = np.zeros(own.size, np.int64)
         added[back] = intervals[back] - steps[back]
         for place in back[: max(MAX_STEPS - len(self.steps), 0)].tolist():
-            self.steps.append({"offset": int(rows["offset"][place]), "from_ns": int(before[place]), "to_ns": int(own[place])})
+            self.steps.append(
+                {
+                    "offset": int(rows["offset"][place]),
+                    "from_ns": int(before[place]),
+                    "to_ns": int(own[place]),
+                }
+            )
         self.step_count += back.size
         moved = own + self._added_ns + np.cumsum(added)
         self._added_ns += int(added.sum())

@@ -1,6 +1,7 @@
 """Tables that are no text: Parquet, NumPy arrays, and the matrices of MAT files, as rows.
 
-Their rows have no bytes of their own, so the bytes of a file are shared out evenly among the rows that it has.
+Their rows have no bytes of their own, so the bytes of a file are shared out evenly among the rows
+that it has.
 """
 
 import math
@@ -37,10 +38,14 @@ class Shares:
 
 
 def column_names(arrays: Arrays, names: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the columns of arrays: of a matrix ``name[0]``, ``name[1]``, ..., or the names given for those of a single one."""
+    """Return the columns of arrays: of a matrix ``name[0]``, ``name[1]``, ..., or the names given
+    for those of a single one.
+    """
     found: list[str] = []
     for name, array in arrays.items():
-        found += [name] if array.ndim == 1 else [f"{name}[{place}]" for place in range(array.shape[1])]
+        found += (
+            [name] if array.ndim == 1 else [f"{name}[{place}]" for place in range(array.shape[1])]
+        )
     if names and len(arrays) == 1:
         return tuple(names[: len(found)])
     return tuple(found)
@@ -54,14 +59,21 @@ def rows_of(arrays: Arrays, names: Sequence[str], shares: Shares) -> Iterator[Ro
     """
     import pyarrow as pa
 
-    columns = [part for array in arrays.values() for part in ([array] if array.ndim == 1 else list(array.T))]
+    columns = [
+        part
+        for array in arrays.values()
+        for part in ([array] if array.ndim == 1 else list(array.T))
+    ]
     by_name = dict(zip(column_names(arrays, names), columns, strict=False))
     sizes = {name: array.shape[0] for name, array in arrays.items()}
     if len(set(sizes.values())) > 1:
         raise ConversionError(f"arrays of one table differ in length: {sizes}")
     total = next(iter(sizes.values()), 0)
     for first in range(0, total, BATCH_ROWS):
-        part = {name: pa.array(np.ascontiguousarray(column[first : first + BATCH_ROWS])) for name, column in by_name.items()}
+        part = {
+            name: pa.array(np.ascontiguousarray(column[first : first + BATCH_ROWS]))
+            for name, column in by_name.items()
+        }
         yield Rows(part, *shares.next(min(BATCH_ROWS, total - first)))
 
 
@@ -75,31 +87,55 @@ def read_npy(file: IO[bytes], name: str) -> NDArray[Any]:
         version = np.lib.format.read_magic(file)
         if version[0] > 2:
             raise ValueError(f"version {version}")
-        reader = np.lib.format.read_array_header_1_0 if version[0] == 1 else np.lib.format.read_array_header_2_0
+        reader = (
+            np.lib.format.read_array_header_1_0
+            if version[0] == 1
+            else np.lib.format.read_array_header_2_0
+        )
         shape, by_columns, dtype = reader(file)
-    except (ValueError, TypeError, SyntaxError, TokenError, EOFError, RecursionError, MemoryError) as error:
+    except (
+        ValueError,
+        TypeError,
+        SyntaxError,
+        TokenError,
+        EOFError,
+        RecursionError,
+        MemoryError,
+    ) as error:
         raise ConversionError(f"{name!r} is no NumPy array that can be read: {error}") from error
     if dtype.kind not in "fiubM" or dtype.itemsize > 16 or len(shape) not in (1, 2):
-        raise ConversionError(f"{name!r} is an array {shape} of {dtype}, where numbers with one or two axes can be read")
+        raise ConversionError(
+            f"{name!r} is an array {shape} of {dtype}, where numbers with one or two axes can be "
+            "read"
+        )
     octets = math.prod(shape) * dtype.itemsize
     if octets > MAX_ARRAY_BYTES:
         raise LimitError(f"the array {name!r} has {octets:,} bytes, more than {MAX_ARRAY_BYTES:,}")
     content = read_up_to(file, octets)
     if len(content) < octets:
-        raise ConversionError(f"the array {name!r} is cut off: it has {len(content):,} of {octets:,} bytes")
+        raise ConversionError(
+            f"the array {name!r} is cut off: it has {len(content):,} of {octets:,} bytes"
+        )
     array = np.frombuffer(content, dtype).reshape(shape, order="F" if by_columns else "C")
     return array.astype(dtype.newbyteorder("="))
 
 
 def matched(arrays: Arrays, index: str) -> Arrays:
-    """Return the arrays of several folders as columns of one table, in rows of equal times; absent where a folder has no such time.
+    """Return the arrays of several folders as columns of one table, in rows of equal times; absent
+    where a folder has no such time.
 
     Args:
         arrays: by ``<folder>/<name>``; each folder has an array called ``index``.
     """
-    times = {name.rpartition("/")[0]: array for name, array in arrays.items() if name.rpartition("/")[2] == index}
+    times = {
+        name.rpartition("/")[0]: array
+        for name, array in arrays.items()
+        if name.rpartition("/")[2] == index
+    }
     if any(array.ndim != 1 for array in times.values()) or not times:
-        raise ConversionError(f"the arrays {sorted(arrays)} have no array {index!r} with one axis beside them")
+        raise ConversionError(
+            f"the arrays {sorted(arrays)} have no array {index!r} with one axis beside them"
+        )
     every = np.unique(np.concatenate(list(times.values())))
     found: dict[str, NDArray[Any]] = {index: every}
     for name, array in arrays.items():
@@ -107,14 +143,19 @@ def matched(arrays: Arrays, index: str) -> Arrays:
         if own == index or folder not in times:
             continue
         if array.shape[0] != times[folder].size:
-            raise ConversionError(f"the array {name!r} has {array.shape[0]} rows, but {folder}/{index} has {times[folder].size}")
+            raise ConversionError(
+                f"the array {name!r} has {array.shape[0]} rows, but {folder}/{index} has "
+                f"{times[folder].size}"
+            )
         filled = np.full((every.size, *array.shape[1:]), np.nan)
         filled[np.searchsorted(every, times[folder])] = array
         found[name] = filled
     return found
 
 
-def parquet_rows(file: IO[bytes], name: str, wanted: Sequence[str], base: int, octets: int) -> Iterator[Rows]:
+def parquet_rows(
+    file: IO[bytes], name: str, wanted: Sequence[str], base: int, octets: int
+) -> Iterator[Rows]:
     """Yield the rows of a Parquet file.
 
     Raises:
@@ -131,11 +172,17 @@ def parquet_rows(file: IO[bytes], name: str, wanted: Sequence[str], base: int, o
             read += batch.num_rows
             if read > table.metadata.num_rows:
                 break
-            yield Rows({column: _plain(batch.column(column)) for column in wanted}, *shares.next(batch.num_rows))
+            yield Rows(
+                {column: _plain(batch.column(column)) for column in wanted},
+                *shares.next(batch.num_rows),
+            )
     except (pa.ArrowException, OSError, ValueError) as error:
         raise ConversionError(f"{name!r} is no Parquet file that can be read: {error}") from error
     if read != table.metadata.num_rows:
-        raise ConversionError(f"the Parquet file {name!r} is damaged: it declares {table.metadata.num_rows:,} rows, but holds others")
+        raise ConversionError(
+            f"the Parquet file {name!r} is damaged: it declares {table.metadata.num_rows:,} rows, "
+            "but holds others"
+        )
     if not read:
         yield Rows({}, np.zeros(0, np.int64), np.zeros(0, np.int64), octets)
 

@@ -1,7 +1,8 @@
 """Cells of a table as numbers, words and flags.
 
-Cells come as Arrow arrays: texts from a text file, typed values from any other; null is an empty cell. Each reader
-returns values and which cells are not what they must be, so that the rows can be rejected.
+Cells come as Arrow arrays: texts from a text file, typed values from any other; null is an empty
+cell. Each reader returns values and which cells are not what they must be, so that the rows can be
+rejected.
 """
 
 from collections.abc import Mapping
@@ -10,7 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-NULLS = ("", "nan", "NaN", "NAN", "-nan", "null", "NULL", "None", "none", "NA", "N/A", "n/a", "#N/A")
+NULLS = (
+    "",
+    "nan",
+    "NaN",
+    "NAN",
+    "-nan",
+    "null",
+    "NULL",
+    "None",
+    "none",
+    "NA",
+    "N/A",
+    "n/a",
+    "#N/A",
+)
 """Texts that stand for an empty cell."""
 
 _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?$"
@@ -31,7 +46,11 @@ def present(cells: Any) -> Bools:
     """Which cells are not empty, bool ``(n,)``."""
     import pyarrow.compute as pc
 
-    return _mask(pc.is_valid(cells)) & ~_mask(pc.fill_null(pc.is_nan(cells), False)) if _is_float(cells) else _mask(pc.is_valid(cells))
+    return (
+        _mask(pc.is_valid(cells)) & ~_mask(pc.fill_null(pc.is_nan(cells), False))
+        if _is_float(cells)
+        else _mask(pc.is_valid(cells))
+    )
 
 
 def numbers(cells: Any) -> tuple[NDArray[np.float64], Bools]:
@@ -45,11 +64,17 @@ def numbers(cells: Any) -> tuple[NDArray[np.float64], Bools]:
             parsed = pc.cast(cells, pa.float64())
         except pa.ArrowInvalid:
             trimmed = words(cells)
-            trimmed = blanked(trimmed, np.array(pc.fill_null(pc.match_substring_regex(trimmed, _NAN), False)))
+            trimmed = blanked(
+                trimmed, np.array(pc.fill_null(pc.match_substring_regex(trimmed, _NAN), False))
+            )
             fits = matching(trimmed, _NUMBER)
             bad = present(trimmed) & ~fits
             parsed = pc.cast(blanked(trimmed, ~fits), pa.float64())
-    elif pa.types.is_integer(cells.type) or pa.types.is_floating(cells.type) or pa.types.is_boolean(cells.type):
+    elif (
+        pa.types.is_integer(cells.type)
+        or pa.types.is_floating(cells.type)
+        or pa.types.is_boolean(cells.type)
+    ):
         parsed = pc.cast(cells, pa.float64(), safe=False)
     elif pa.types.is_decimal(cells.type):
         parsed = pc.cast(cells, pa.float64())
@@ -67,7 +92,11 @@ def integers(cells: Any) -> tuple[NDArray[np.int64], Bools, Bools]:
 
     if pa.types.is_integer(cells.type):
         fits = present(cells) & ~np.asarray(pc.fill_null(pc.greater(cells, 2**63 - 1), False))
-        return np.asarray(pc.fill_null(pc.cast(blanked(cells, ~fits), pa.int64()), 0)), fits, present(cells) & ~fits
+        return (
+            np.asarray(pc.fill_null(pc.cast(blanked(cells, ~fits), pa.int64()), 0)),
+            fits,
+            present(cells) & ~fits,
+        )
     whole = np.zeros(len(cells), bool)
     values, bad = numbers(cells)
     exact = np.zeros(len(cells), np.int64)
@@ -77,7 +106,11 @@ def integers(cells: Any) -> tuple[NDArray[np.int64], Bools, Bools]:
         exact = np.asarray(pc.fill_null(pc.cast(blanked(trimmed, ~whole), pa.int64()), 0))
     there = ~np.isnan(values)
     odd = there & ~whole & ((values != np.rint(values)) | (np.abs(values) > 2**53))
-    return np.where(whole, exact, np.where(there & ~odd & ~whole, values, 0.0).astype(np.int64)), there & ~odd, bad | odd
+    return (
+        np.where(whole, exact, np.where(there & ~odd & ~whole, values, 0.0).astype(np.int64)),
+        there & ~odd,
+        bad | odd,
+    )
 
 
 def matching(texts: Any, pattern: str) -> Bools:
@@ -118,12 +151,19 @@ def matches(cells: Any, wanted: tuple[str, ...]) -> Bools:
 
 
 def choices(cells: Any, numbers_of: Mapping[str, int]) -> tuple[NDArray[np.int64], Bools, Bools]:
-    """Return the number that each cell names, in any case or by the number itself, which are there, and which name none."""
+    """Return the number that each cell names, in any case or by the number itself, which are there,
+    and which name none.
+    """
     import pyarrow.compute as pc
 
     coded = pc.utf8_lower(words(cells)).dictionary_encode()
-    known = [numbers_of.get(word, numbers_of.get(_whole(word), -1)) for word in coded.dictionary.to_pylist()]
-    values = np.array([*known, -1], np.int64)[coded.indices.fill_null(-1).to_numpy(zero_copy_only=False)]
+    known = [
+        numbers_of.get(word, numbers_of.get(_whole(word), -1))
+        for word in coded.dictionary.to_pylist()
+    ]
+    values = np.array([*known, -1], np.int64)[
+        coded.indices.fill_null(-1).to_numpy(zero_copy_only=False)
+    ]
     there = present(cells)
     bad = there & (values < 0)
     return np.where(values < 0, 0, values), there & ~bad, bad
@@ -132,7 +172,11 @@ def choices(cells: Any, numbers_of: Mapping[str, int]) -> tuple[NDArray[np.int64
 def _whole(word: str) -> str:
     """Return a whole number without its decimals."""
     number = _number(word)
-    return str(int(number)) if number is not None and number == number // 1 and abs(number) < 2**31 else word
+    return (
+        str(int(number))
+        if number is not None and number == number // 1 and abs(number) < 2**31
+        else word
+    )
 
 
 def _number(text: str) -> float | None:

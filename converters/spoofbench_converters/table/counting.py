@@ -1,4 +1,6 @@
-"""Numbers of a unit of time as nanoseconds: exact for decimal text and whole numbers, each cell by itself."""
+"""Numbers of a unit of time as nanoseconds: exact for decimal text and whole numbers, each cell by
+itself.
+"""
 
 from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
 from fractions import Fraction
@@ -7,7 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench_converters.table.cells import Bools, blanked, integers, is_text, matching, numbers, present, words
+from spoofbench_converters.table.cells import (
+    Bools,
+    blanked,
+    integers,
+    is_text,
+    matching,
+    numbers,
+    present,
+    words,
+)
 
 LIMIT_NS = 2**62
 
@@ -21,7 +32,10 @@ def counts(cells: Any, ns_per_unit: Fraction) -> tuple[NDArray[np.int64], Bools]
     import pyarrow.compute as pc
 
     if pa.types.is_timestamp(cells.type):
-        cells, ns_per_unit = pc.cast(cells, pa.int64()), Fraction({"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}[cells.type.unit])
+        cells, ns_per_unit = (
+            pc.cast(cells, pa.int64()),
+            Fraction({"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}[cells.type.unit]),
+        )
     if pa.types.is_decimal(cells.type):
         cells = pc.cast(cells, pa.string())
     if is_text(cells) and ns_per_unit in _DIGITS:
@@ -40,15 +54,21 @@ def counts(cells: Any, ns_per_unit: Fraction) -> tuple[NDArray[np.int64], Bools]
     return np.where(inexact, nearest_ns, exact_ns), inexact & bad
 
 
-def _scaled(whole: NDArray[np.int64], part: NDArray[np.float64], ns_per_unit: Fraction) -> NDArray[np.int64]:
+def _scaled(
+    whole: NDArray[np.int64], part: NDArray[np.float64], ns_per_unit: Fraction
+) -> NDArray[np.int64]:
     up, down = ns_per_unit.numerator, ns_per_unit.denominator
     if down == 1:
         return np.asarray(whole * up + np.rint(part * up).astype(np.int64))
-    return np.asarray(whole // down * up + np.rint((whole % down + part) * up / down).astype(np.int64))
+    return np.asarray(
+        whole // down * up + np.rint((whole % down + part) * up / down).astype(np.int64)
+    )
 
 
 def _decimals(cells: Any, digits: int) -> tuple[NDArray[np.int64], Bools]:
-    """Return decimal text times ``10**digits``, rounded half to even, and which cells are no number within the limit."""
+    """Return decimal text times ``10**digits``, rounded half to even, and which cells are no number
+    within the limit.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -57,7 +77,9 @@ def _decimals(cells: Any, digits: int) -> tuple[NDArray[np.int64], Bools]:
     except pa.ArrowInvalid:
         trimmed = words(cells)
     plain = matching(trimmed, _PLAIN)
-    rounded = pc.round(pc.cast(blanked(trimmed, ~plain), pa.decimal128(38, 18)), digits, "half_to_even")
+    rounded = pc.round(
+        pc.cast(blanked(trimmed, ~plain), pa.decimal128(38, 18)), digits, "half_to_even"
+    )
     scaled, bad = _unscaled(pc.cast(rounded, pa.decimal128(38, digits)))
     for place in np.flatnonzero(present(trimmed) & ~plain).tolist():
         value = _decimal(trimmed[place].as_py(), digits)
@@ -72,7 +94,9 @@ def _unscaled(exact: Any) -> tuple[NDArray[np.int64], Bools]:
 
     empty = ~present(exact)
     filled = pc.fill_null(exact, 0)
-    pairs = np.frombuffer(filled.buffers()[1], np.int64)[2 * filled.offset :][: 2 * len(filled)].reshape(-1, 2)
+    pairs = np.frombuffer(filled.buffers()[1], np.int64)[2 * filled.offset :][
+        : 2 * len(filled)
+    ].reshape(-1, 2)
     low, high = pairs[:, 0], pairs[:, 1]
     return low.copy(), empty | (high != low >> 63) | (low >= LIMIT_NS) | (low <= -LIMIT_NS)
 

@@ -27,28 +27,34 @@ Rows = NDArray[np.intp]
 def export(recording: Recording, mapping: str | Path, out: Path) -> tuple[Path, ...]:
     """Write a recording as the tables of a mapping; what the mapping does not name is left out.
 
-    Converted again by the same mapping they give the rows of the recording that the mapping can say.
+    Converted again by the same mapping they give the rows of the recording that the mapping can
+    say.
 
-    Args:
-        recording: rows of other topics than the mapping's are left out.
-        mapping: the path of a mapping, or the name of a ready one.
-        out: a ``.csv`` or ``.parquet`` file for one table, else a folder for one CSV file per table.
+    Args: recording: rows of other topics than the mapping's are left out. mapping: the path of a
+        mapping, or the name of a ready one. out: a ``.csv`` or ``.parquet`` file for one table,
+        else a folder for one CSV file per table.
 
     Returns:
         the files written.
 
-    Raises:
-        ConversionError: the recording has none of the mapping's topics, or the tables are of a format that is only read.
+    Raises: ConversionError: the recording has none of the mapping's topics, or the tables are of a
+        format that is only read.
     """
     chosen = load_mapping(mapping)
-    tables = [table for table in chosen.tables if any(topic.topic in recording for topic in table.topics)]
+    tables = [
+        table for table in chosen.tables if any(topic.topic in recording for topic in table.topics)
+    ]
     if not tables:
         topics = [topic.topic for table in chosen.tables for topic in table.topics]
-        raise ConversionError(f"the recording has none of the topics of the mapping {chosen.name!r}: {', '.join(topics)}")
+        raise ConversionError(
+            f"the recording has none of the topics of the mapping {chosen.name!r}: "
+            f"{', '.join(topics)}"
+        )
     is_file = out.suffix in (".csv", ".parquet")
     if is_file and len(tables) > 1:
         raise ConversionError(
-            f"the mapping {chosen.name!r} has {len(tables)} tables, which do not fit the one file {out.name!r}: name a folder"
+            f"the mapping {chosen.name!r} has {len(tables)} tables, which do not fit the one file "
+            f"{out.name!r}: name a folder"
         )
     if not is_file:
         out.mkdir(parents=True, exist_ok=True)
@@ -68,7 +74,9 @@ def _file_name(mapping: Mapping, table: TableSpec) -> str:
     plain = f"{table.name}{Path(pattern).suffix}"
     name = plain if fits(plain, pattern) else pattern.replace("*", table.name)
     if not fits(name, pattern):
-        raise ConversionError(f"the mapping {mapping.name!r} has files {pattern!r}, from which no name can be made")
+        raise ConversionError(
+            f"the mapping {mapping.name!r} has files {pattern!r}, from which no name can be made"
+        )
     return name
 
 
@@ -79,12 +87,18 @@ def _write(table: TableSpec, columns: ByName[str, Any], path: Path) -> None:
     from pyarrow import csv as arrow
 
     layout = table.layout
-    if layout.format not in (None, "csv", "parquet") or (path.suffix == ".parquet" and layout.format == "csv"):
+    if layout.format not in (None, "csv", "parquet") or (
+        path.suffix == ".parquet" and layout.format == "csv"
+    ):
         raise ConversionError(
-            f"the table {table.name!r} of the mapping is of the format {layout.format!r}, which cannot be written as {path.name!r}"
+            f"the table {table.name!r} of the mapping is of the format {layout.format!r}, which "
+            f"cannot be written as {path.name!r}"
         )
     count = max((len(column) for column in columns.values()), default=0)
-    whole = {name: columns.get(name, pa.nulls(count, pa.string())) for name in table.columns or {**columns, **_needed(table)}}
+    whole = {
+        name: columns.get(name, pa.nulls(count, pa.string()))
+        for name in table.columns or {**columns, **_needed(table)}
+    }
     part = path.with_name(f"{path.name}.part")
     if path.suffix == ".parquet" or layout.format == "parquet":
         pq.write_table(pa.table(whole), part)
@@ -94,12 +108,21 @@ def _write(table: TableSpec, columns: ByName[str, Any], path: Path) -> None:
         if is_blank or layout.decimal_comma:
             texts = {name: pc.cast(column, pa.string()) for name, column in whole.items()}
         if layout.decimal_comma:
-            numeric = {name for name, column in whole.items() if not pa.types.is_string(column.type)}
-            texts = {name: pc.replace_substring(column, ".", ",") if name in numeric else column for name, column in texts.items()}
+            numeric = {
+                name for name, column in whole.items() if not pa.types.is_string(column.type)
+            }
+            texts = {
+                name: pc.replace_substring(column, ".", ",") if name in numeric else column
+                for name, column in texts.items()
+            }
         if is_blank:
             texts = {name: pc.fill_null(column, "nan") for name, column in texts.items()}
         delimiter = " " if is_blank else layout.delimiter
-        options = arrow.WriteOptions(include_header=False, delimiter=delimiter, quoting_style="none" if is_blank else "needed")
+        options = arrow.WriteOptions(
+            include_header=False,
+            delimiter=delimiter,
+            quoting_style="none" if is_blank else "needed",
+        )
         with part.open("wb") as file:
             if layout.header:
                 file.write(_header(tuple(texts), delimiter))
@@ -109,7 +132,9 @@ def _write(table: TableSpec, columns: ByName[str, Any], path: Path) -> None:
 
 def _needed(table: TableSpec) -> dict[str, None]:
     """Return the columns without which the mapping would not read the table."""
-    return {name.removeprefix("-"): None for name, optional in table.wanted().items() if not optional}
+    return {
+        name.removeprefix("-"): None for name, optional in table.wanted().items() if not optional
+    }
 
 
 def _header(names: Sequence[str], delimiter: str) -> bytes:
@@ -130,18 +155,29 @@ def _columns(recording: Recording, table: TableSpec) -> dict[str, Any]:
     return columns
 
 
-def _places(recording: Recording, topics: Sequence[TopicSpec]) -> tuple[list[Rows], NDArray[np.int64]]:
+def _places(
+    recording: Recording, topics: Sequence[TopicSpec]
+) -> tuple[list[Rows], NDArray[np.int64]]:
     """Return in which row of the table each row of each topic stands, and the rows' times.
 
-    Rows of equal time are one, the first of each topic with the first of the others, and so on; not where topics have
-    conditions, which one row cannot all meet.
+    Rows of equal time are one, the first of each topic with the first of the others, and so on; not
+    where topics have conditions, which one row cannot all meet.
     """
     times = [recording[topic.topic].time_ns for topic in topics]
     apart = any(topic.where or topic.unless for topic in topics)
     keys = []
     for place, time_ns in enumerate(times):
         first = np.searchsorted(time_ns, time_ns, "left")
-        keys.append(np.stack([time_ns, np.full(time_ns.size, place if apart else 0), np.arange(time_ns.size) - first], axis=1))
+        keys.append(
+            np.stack(
+                [
+                    time_ns,
+                    np.full(time_ns.size, place if apart else 0),
+                    np.arange(time_ns.size) - first,
+                ],
+                axis=1,
+            )
+        )
     unique, inverse = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
     stops = np.cumsum([time_ns.size for time_ns in times])[:-1]
     return np.split(inverse.reshape(-1), stops), unique[:, 0]
@@ -166,7 +202,11 @@ def _cells(rows: Table, topic: TopicSpec, table: TableSpec) -> dict[str, Any]:
 
     cells: dict[str, Any] = {}
     known = frozenset(table.columns) or frozenset(name.removeprefix("-") for name in table.wanted())
-    columns: ByName[str, Any] = earth_centred(rows) if any(field.name.startswith(tuple(ECEF)) for field in topic.fields) else {}
+    columns: ByName[str, Any] = (
+        earth_centred(rows)
+        if any(field.name.startswith(tuple(ECEF)) for field in topic.fields)
+        else {}
+    )
     for field in topic.fields:
         column = resolve(field.column, known) if field.column is not None else None
         if column is not None:
@@ -176,8 +216,16 @@ def _cells(rows: Table, topic: TopicSpec, table: TableSpec) -> dict[str, Any]:
         cells |= _told(topic.receive_time, rows["receive_time_ns"], rows.valid("receive_time_ns"))
     if topic.claims is not None:
         tow_s = np.nan_to_num(rows["tow_s"])
-        gps_ns = rows["gps_week"].astype(np.int64) * WEEK_NS + np.rint(tow_s * SECOND_NS).astype(np.int64) + GPS_EPOCH_NS
-        cells |= _told(topic.claims, gps_to_utc(gps_ns, topic.claims.leap_seconds), rows.valid("gps_week") & rows.valid("tow_s"))
+        gps_ns = (
+            rows["gps_week"].astype(np.int64) * WEEK_NS
+            + np.rint(tow_s * SECOND_NS).astype(np.int64)
+            + GPS_EPOCH_NS
+        )
+        cells |= _told(
+            topic.claims,
+            gps_to_utc(gps_ns, topic.claims.leap_seconds),
+            rows.valid("gps_week") & rows.valid("tow_s"),
+        )
     for name, words in topic.where:
         cells.setdefault(name, pa.array([words[0]] * len(rows), pa.string()))
     for name in topic.changes:
@@ -189,7 +237,10 @@ def _told(spec: TimeSpec, time_ns: NDArray[np.int64], valid: NDArray[np.bool_]) 
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    return {name: pc.if_else(pa.array(valid), cells, pa.scalar(None, cells.type)) for name, cells in tell(spec, time_ns).items()}
+    return {
+        name: pc.if_else(pa.array(valid), cells, pa.scalar(None, cells.type))
+        for name, cells in tell(spec, time_ns).items()
+    }
 
 
 def _field(rows: Table, field: FieldSpec, minus: bool, derived: NDArray[np.float64] | None) -> Any:

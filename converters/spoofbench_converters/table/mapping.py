@@ -2,8 +2,8 @@
 
 A mapping has tables, a table has a time and topics, a topic has fields, and a field has a column::
 
-    about = "A car logger at 50 Hz"
-    clock = "sensor"                                    # what the time is told by: sensor, recorder or gnss
+    about = "A car logger at 50 Hz" clock = "sensor"                                    # what the
+    time is told by: sensor, recorder or gnss
 
     [source.imu0]
     axes = "flu"                                        # metadata of a source, as in a recording
@@ -20,13 +20,14 @@ A mapping has tables, a table has a time and topics, a topic has fields, and a f
     accel = { columns = ["ax", "ay", "-az"], unit = "g" }
     gyro_z_radps = { column = "yawrate", unit = "deg/s" }
 
-    [table.log."/gnss0/gnss/pvt"]
-    changes = ["lat", "lon"]                            # a row only where one of these differs from the row before
-    lat_deg = "lat"                                     # in the field's own unit
-    fix_type = { column = "q", values = { 1 = "RTK_FIXED", 2 = "RTK_FLOAT" } }
+    [table.log."/gnss0/gnss/pvt"] changes = ["lat", "lon"]                            # a row only
+    where one of these differs from the row before lat_deg = "lat"
+    # in the field's own unit fix_type = { column = "q", values = { 1 = "RTK_FIXED", 2 = "RTK_FLOAT"
+    } }
 
-The README beside the ready mappings lists every key. A leading minus negates a column. The columns of a ROS message are
-the paths of its fields (``imu.linear_acceleration.x``), and those of an array ``value[0]``.
+The README beside the ready mappings lists every key. A leading minus negates a column. The columns
+of a ROS message are the paths of its fields (``imu.linear_acceleration.x``), and those of an array
+``value[0]``.
 """
 
 import tomllib
@@ -69,16 +70,12 @@ _TABLE_SETTINGS = (
 class Layout:
     """How a table is written down.
 
-    Attributes:
-        format: None: told by content.
-        delimiter: one character, or ``whitespace``: runs of blanks and tabs.
-        header: whether the first line names the columns.
-        comment: lines that start with it are no rows.
-        skip_lines: lines before the header that are no rows.
-        decimal_comma: whether numbers are written ``1,5``.
-        encoding: ``utf-8`` or ``latin-1``.
-        variable: name of the matrix in a MAT file.
-        index: name of the array in each folder of arrays by which the rows of several folders are matched.
+    Attributes: format: None: told by content. delimiter: one character, or ``whitespace``: runs of
+        blanks and tabs. header: whether the first line names the columns. comment: lines that start
+        with it are no rows. skip_lines: lines before the header that are no rows. decimal_comma:
+        whether numbers are written ``1,5``. encoding: ``utf-8`` or ``latin-1``. variable: name of
+        the matrix in a MAT file. index: name of the array in each folder of arrays by which the
+        rows of several folders are matched.
     """
 
     format: Format | None
@@ -121,9 +118,18 @@ class TopicSpec:
     def columns(self) -> dict[str, bool]:
         """Return the columns that the topic reads, and whether a table may lack each."""
         found: dict[str, bool] = {}
-        names = [(field.column, field.optional) for field in self.fields if field.column is not None]
-        names += [(name, False) for name, _ in (*self.where, *self.unless)] + [(name, False) for name in self.changes]
-        names += [(name, False) for time in (self.claims, self.receive_time) if time for name in time.columns()]
+        names = [
+            (field.column, field.optional) for field in self.fields if field.column is not None
+        ]
+        names += [(name, False) for name, _ in (*self.where, *self.unless)] + [
+            (name, False) for name in self.changes
+        ]
+        names += [
+            (name, False)
+            for time in (self.claims, self.receive_time)
+            if time
+            for name in time.columns()
+        ]
         for name, optional in names:
             found[name] = optional and found.get(name, True)
         return found
@@ -133,11 +139,10 @@ class TopicSpec:
 class TableSpec:
     """One table, which may be spread over several files, or the messages of one type.
 
-    Attributes:
-        files: patterns of paths within the folder or archive.
-        messages: patterns of ROS message types (``package/Type``).
-        columns: names of the columns; of a table with a header, all that it may have, by which it is recognised.
-        signature: what a comment before a table without header starts with, by which it is recognised; runs of blanks are one.
+    Attributes: files: patterns of paths within the folder or archive. messages: patterns of ROS
+        message types (``package/Type``). columns: names of the columns; of a table with a header,
+        all that it may have, by which it is recognised. signature: what a comment before a table
+        without header starts with, by which it is recognised; runs of blanks are one.
     """
 
     name: str
@@ -160,7 +165,9 @@ class TableSpec:
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """Where a clock without date meets time: at the first row of a table that has both, or by RTKLIB's time tags of it."""
+    """Where a clock without date meets time: at the first row of a table that has both, or by
+    RTKLIB's time tags of it.
+    """
 
     table: str
     time: TimeSpec | None
@@ -189,8 +196,8 @@ def ready_names() -> tuple[str, ...]:
 def load_mapping(path_or_name: str | Path) -> Mapping:
     """Return a ready mapping by its name, or a mapping by the path of its TOML file.
 
-    Raises:
-        ConversionError: there is none, or it does not say what it must; the text says where and what is near.
+    Raises: ConversionError: there is none, or it does not say what it must; the text says where and
+        what is near.
     """
     text = str(path_or_name)
     if text in ready_names():
@@ -198,9 +205,14 @@ def load_mapping(path_or_name: str | Path) -> Mapping:
     else:
         path, folder = Path(path_or_name), Path(path_or_name).resolve().parent
     if not path.is_file():
-        raise ConversionError(f"there is no mapping {text!r}: give the path of a TOML file, or one of {', '.join(ready_names())}")
+        raise ConversionError(
+            f"there is no mapping {text!r}: give the path of a TOML file, or one of "
+            f"{', '.join(ready_names())}"
+        )
     if path.stat().st_size > MAX_MAPPING_BYTES:
-        raise ConversionError(f"{path.name!r} is no mapping: it has more than {MAX_MAPPING_BYTES:,} bytes")
+        raise ConversionError(
+            f"{path.name!r} is no mapping: it has more than {MAX_MAPPING_BYTES:,} bytes"
+        )
     return read_mapping(path.read_bytes(), path.stem, folder)
 
 
@@ -222,11 +234,23 @@ def read_mapping(octets: bytes, name: str, folder: Path | None = None) -> Mappin
     topics = [topic.topic for table in tables for topic in table.topics]
     twice = next((topic for topic in topics if topics.count(topic) > 1), None)
     if twice:
-        raise root.error(f"has the topic {twice!r} twice: join the tables first, or give each a source of its own")
-    sources = {f"source/{key}": {k: node.text(k) for k in node} for key, node in root.children("source")}
+        raise root.error(
+            f"has the topic {twice!r} twice: join the tables first, or give each a source of its "
+            "own"
+        )
+    sources = {
+        f"source/{key}": {k: node.text(k) for k in node} for key, node in root.children("source")
+    }
     clock = root.one_of("clock", _CLOCKS)
     return Mapping(
-        name, root.text("about", ""), clock, root.flag("recognise", False), sources, tables, _anchor(root, [t.name for t in tables]), folder
+        name,
+        root.text("about", ""),
+        clock,
+        root.flag("recognise", False),
+        sources,
+        tables,
+        _anchor(root, [t.name for t in tables]),
+        folder,
     )
 
 
@@ -235,7 +259,11 @@ def _anchor(root: Node, tables: list[str]) -> Anchor | None:
     if node is None:
         return None
     node.only("table", "time", "rtklib_tags")
-    table, time, tags = node.one_of("table", tables), node.child("time"), node.text("rtklib_tags", "")
+    table, time, tags = (
+        node.one_of("table", tables),
+        node.child("time"),
+        node.text("rtklib_tags", ""),
+    )
     if (time is None) == (not tags):
         raise node.error("needs one of 'time' and 'rtklib_tags'")
     return Anchor(table, read_time(time) if time else None, tags or None)
@@ -248,10 +276,15 @@ def _table(node: Node, name: str) -> TableSpec:
         raise node.error('has no topic, such as [table.<name>."/imu0/imu"]')
     files = node.texts("files")
     if any(pattern.startswith("/") or ".." in pattern.split("/") for pattern in files):
-        raise node.error(f"has files {list(files)!r}, which must lie within the mapping's own folder")
+        raise node.error(
+            f"has files {list(files)!r}, which must lie within the mapping's own folder"
+        )
     time, messages = node.child("time"), node.texts("messages")
     if time is None and not messages:
-        raise node.error("has no time: say at least which column it is, as in time = { column = 't', unit = 's' }")
+        raise node.error(
+            "has no time: say at least which column it is, as in time = { column = 't', unit = "
+            "'s' }"
+        )
     layout, columns = _layout(node), node.texts("columns")
     if not layout.header and not columns and layout.format in (None, "csv"):
         raise node.error("has no header, so it needs 'columns': a name for each, from the left")
@@ -272,8 +305,12 @@ def _table(node: Node, name: str) -> TableSpec:
 def _layout(node: Node) -> Layout:
     formats: tuple[Format | None, ...] = ("csv", "parquet", "mat", "npy")
     delimiter = node.text("delimiter", ",")
-    if delimiter != "whitespace" and (len(delimiter) != 1 or delimiter in '"\r\n' or not delimiter.isascii()):
-        raise node.error(f"has the delimiter {delimiter!r}, which must be one ASCII character or 'whitespace'")
+    if delimiter != "whitespace" and (
+        len(delimiter) != 1 or delimiter in '"\r\n' or not delimiter.isascii()
+    ):
+        raise node.error(
+            f"has the delimiter {delimiter!r}, which must be one ASCII character or 'whitespace'"
+        )
     chosen = node.one_of("format", _FORMATS, "")
     return Layout(
         next((each for each in formats if each == chosen), None),
@@ -297,10 +334,19 @@ def _topic(node: Node, topic: str) -> TopicSpec:
         raise node.error("cannot be converted: attacks are made, or labelled, not logged")
     fields, claims, receive_time = read_fields(node, kind, _TOPIC_SETTINGS)
     return TopicSpec(
-        topic, kind, _conditions(node, "where"), _conditions(node, "unless"), node.texts("changes"), fields, claims, receive_time
+        topic,
+        kind,
+        _conditions(node, "where"),
+        _conditions(node, "unless"),
+        node.texts("changes"),
+        fields,
+        claims,
+        receive_time,
     )
 
 
 def _conditions(node: Node, key: str) -> tuple[tuple[str, tuple[str, ...]], ...]:
     conditions = node.child(key)
-    return () if conditions is None else tuple((name, conditions.words(name)) for name in conditions)
+    return (
+        () if conditions is None else tuple((name, conditions.words(name)) for name in conditions)
+    )

@@ -1,6 +1,8 @@
-"""MAT files of versions 5 to 7: their matrices of numbers and lists of texts (MathWorks, MAT-File Format, R2024b, chapter 1).
+"""MAT files of versions 5 to 7: their matrices of numbers and lists of texts (MathWorks, MAT-File
+Format, R2024b, chapter 1).
 
-Elements are read within the bounds of the file, whatever they claim, and unpacked no further than a limit.
+Elements are read within the bounds of the file, whatever they claim, and unpacked no further than a
+limit.
 """
 
 import math
@@ -20,7 +22,18 @@ MAX_CELLS = 10_000
 
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
-_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_NUMBERS = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    9: "f8",
+    12: "i8",
+    13: "u8",
+}
 _TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16"}
 _CELL, _STRUCT, _CHAR, _NUMERIC = 1, 2, 4, range(6, 16)
 _COMPLEX = 0x0800
@@ -65,11 +78,14 @@ class _Reader:
         if kind not in _NUMBERS:
             raise _Damaged(f"an element of type {kind} is no list of numbers")
         dtype = np.dtype(f"{self.order}{_NUMBERS[kind]}")
-        return np.frombuffer(octets, dtype, len(octets) // dtype.itemsize).astype(dtype.newbyteorder("="))
+        return np.frombuffer(octets, dtype, len(octets) // dtype.itemsize).astype(
+            dtype.newbyteorder("=")
+        )
 
 
 def read_mat(octets: bytes, name: str, wanted: frozenset[str]) -> tuple[Numbers, Texts]:
-    """Return the wanted variables of a MAT file: matrices of real numbers, ``(n,)`` or ``(n, k)``; and cell arrays of texts.
+    """Return the wanted variables of a MAT file: matrices of real numbers, ``(n,)`` or ``(n, k)``;
+    and cell arrays of texts.
 
     The fields of a structure of one element are called ``name.field``.
 
@@ -77,7 +93,9 @@ def read_mat(octets: bytes, name: str, wanted: frozenset[str]) -> tuple[Numbers,
         ConversionError: it is of version 7.3, or damaged; LimitError: it unpacks to too much.
     """
     if octets.startswith(b"MATLAB 7.3"):
-        raise ConversionError(f"{name!r} is a MAT file of version 7.3; save it with '-v7' in MATLAB")
+        raise ConversionError(
+            f"{name!r} is a MAT file of version 7.3; save it with '-v7' in MATLAB"
+        )
     reader = _Reader(memoryview(octets)[_HEADER:], "<" if octets[126:128] == b"IM" else ">")
     numbers: Numbers = {}
     texts: Texts = {}
@@ -120,7 +138,9 @@ def _name_of(octets: bytes, order: str) -> str:
     return ""
 
 
-def _matrix(reader: _Reader, prefix: str, wanted: frozenset[str], numbers: Numbers, texts: Texts) -> None:
+def _matrix(
+    reader: _Reader, prefix: str, wanted: frozenset[str], numbers: Numbers, texts: Texts
+) -> None:
     """Add a matrix, the fields of a structure, or a cell array of texts."""
     elements = list(reader.elements())
     if len(elements) < 3:
@@ -143,11 +163,20 @@ def _matrix(reader: _Reader, prefix: str, wanted: frozenset[str], numbers: Numbe
         _fields(reader, name, content, numbers, texts)
 
 
-def _fields(reader: _Reader, name: str, content: list[tuple[int, memoryview]], numbers: Numbers, texts: Texts) -> None:
+def _fields(
+    reader: _Reader,
+    name: str,
+    content: list[tuple[int, memoryview]],
+    numbers: Numbers,
+    texts: Texts,
+) -> None:
     width = reader.numbers(content[0])
     if not width.size or not 0 < int(width[0]) <= 64:
         raise _Damaged(f"the structure {name!r} has field names of no length")
-    names = [bytes(content[1][1][place : place + int(width[0])]) for place in range(0, len(content[1][1]), int(width[0]))]
+    names = [
+        bytes(content[1][1][place : place + int(width[0])])
+        for place in range(0, len(content[1][1]), int(width[0]))
+    ]
     for field, (kind, octets) in zip(names, content[2:], strict=False):
         if kind == _MATRIX:
             own = field.partition(b"\0")[0].decode("latin-1")

@@ -19,7 +19,9 @@ from spoofbench_converters.table.topic import resolve
 
 
 def rows(table: TableSpec, files: Sequence[File], base: int) -> Iterator[Rows | Rejects]:
-    """Yield the rows of a table's files, the first of which lies at ``base`` in the source, in file order."""
+    """Yield the rows of a table's files, the first of which lies at ``base`` in the source, in file
+    order.
+    """
     if files[0].format == "npy":
         yield from _npy_rows(table, files, base)
         return
@@ -50,9 +52,13 @@ def required_columns(table: TableSpec) -> set[str]:
 
 
 def least_width(table: TableSpec) -> int:
-    """Return how many columns a table without header has at least: up to the last that it may not lack."""
+    """Return how many columns a table without header has at least: up to the last that it may not
+    lack.
+    """
     required = required_columns(table)
-    return max((place + 1 for place, name in enumerate(table.columns) if name in required), default=1)
+    return max(
+        (place + 1 for place, name in enumerate(table.columns) if name in required), default=1
+    )
 
 
 def _file_rows(table: TableSpec, file: File, base: int) -> Iterator[Rows | Rejects]:
@@ -65,12 +71,16 @@ def _file_rows(table: TableSpec, file: File, base: int) -> Iterator[Rows | Rejec
     elif file.format == "mat":
         found, names = _mat(table, file)
         used_columns(table, arrays.column_names(found, names))
-        yield from arrays.rows_of(found, names, arrays.Shares(base, file.size() or 0, _length(found)))
+        yield from arrays.rows_of(
+            found, names, arrays.Shares(base, file.size() or 0, _length(found))
+        )
     else:
         head = read_head(file.head, table.layout, file.name)
         names = _names(table, head, file.name)
         with file.open() as opened:
-            yield from Records(table.layout, names, used_columns(table, names), base).read(opened, head)
+            yield from Records(table.layout, names, used_columns(table, names), base).read(
+                opened, head
+            )
 
 
 def _names(table: TableSpec, head: Head, name: str) -> tuple[str, ...]:
@@ -84,7 +94,10 @@ def _names(table: TableSpec, head: Head, name: str) -> tuple[str, ...]:
             raise ConversionError(f"{name!r} has no header within its first {HEAD_BYTES:,} bytes")
         return head.names
     if head.width and not least_width(table) <= head.width <= len(table.columns):
-        raise ConversionError(f"{name!r} has {head.width} columns, where the mapping's table {table.name!r} names {len(table.columns)}")
+        raise ConversionError(
+            f"{name!r} has {head.width} columns, where the mapping's table {table.name!r} names "
+            f"{len(table.columns)}"
+        )
     return table.columns[: head.width] if head.width else table.columns
 
 
@@ -98,21 +111,30 @@ def _npy_rows(table: TableSpec, files: Sequence[File], base: int) -> Iterator[Ro
         content = io.BytesIO(file.whole())
         found[name] = arrays.read_npy(content, file.name)
         octets += content.getbuffer().nbytes
-    together: arrays.Arrays = arrays.matched(found, table.layout.index) if table.layout.index else found
+    together: arrays.Arrays = (
+        arrays.matched(found, table.layout.index) if table.layout.index else found
+    )
     used_columns(table, arrays.column_names(together))
     yield from arrays.rows_of(together, (), arrays.Shares(base, octets, _length(together)))
 
 
 def _mat(table: TableSpec, file: File) -> tuple[arrays.Arrays, tuple[str, ...]]:
-    """Return a table's variables in a MAT file, and the names of the columns of a matrix: the mapping's, or those beside it in the file."""
+    """Return a table's variables in a MAT file, and the names of the columns of a matrix: the
+    mapping's, or those beside it in the file.
+    """
     variable = table.layout.variable
-    names = [variable] if variable else [name.partition("[")[0].removeprefix("-") for name in table.wanted()]
+    names = (
+        [variable]
+        if variable
+        else [name.partition("[")[0].removeprefix("-") for name in table.wanted()]
+    )
     labels = f"{variable}_label"
     numbers, texts = read_mat(file.whole(), file.name, frozenset([*names, labels]))
     if not numbers:
         raise ConversionError(
             f"{file.name!r} has no variable of numbers {' or '.join(map(repr, names))}; "
-            "what lies in cells, in structures within structures and in arrays of structures is not read: save it as a matrix"
+            "what lies in cells, in structures within structures and in arrays of structures is "
+            "not read: save it as a matrix"
         )
     if variable and variable not in numbers:
         return {name.removeprefix(f"{variable}."): array for name, array in numbers.items()}, ()

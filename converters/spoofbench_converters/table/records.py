@@ -1,8 +1,8 @@
 """Where the records of delimited text lie: RFC 4180, read around damage.
 
-A quoted cell may hold delimiters and line ends; a quotation mark in the midst of a cell that does not begin with one is a
-character like any other. Where marks do not fit together, the line that opened the cell is damaged and the next line
-begins a record.
+A quoted cell may hold delimiters and line ends; a quotation mark in the midst of a cell that does
+not begin with one is a character like any other. Where marks do not fit together, the line that
+opened the cell is damaged and the next line begins a record.
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,9 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class _Marks:
-    """Quotation marks of lines: how many are odd, and whether they fit a line that begins outside or inside a quoted cell."""
+    """Quotation marks of lines: how many are odd, and whether they fit a line that begins outside
+    or inside a quoted cell.
+    """
 
     odd: Bools
     literal: Bools
@@ -55,11 +57,15 @@ def find(octets: Octets, delimiter: int, line_end: int, comment: bytes, last: bo
     ends = np.flatnonzero(octets == line_end) + 1
     if last and octets.size and (not ends.size or ends[-1] < octets.size):
         ends = np.append(ends, octets.size)
-    starts = np.concatenate([[0], ends[:-1]]).astype(np.int64) if ends.size else np.zeros(0, np.int64)
+    starts = (
+        np.concatenate([[0], ends[:-1]]).astype(np.int64) if ends.size else np.zeros(0, np.int64)
+    )
     end = int(ends[-1]) if ends.size else 0
     places = np.flatnonzero(octets[:end] == QUOTE)
     if not places.size:
-        return Found(starts, end, _count(octets[:end] == delimiter, starts) + 1, np.zeros(starts.size, bool))
+        return Found(
+            starts, end, _count(octets[:end] == delimiter, starts) + 1, np.zeros(starts.size, bool)
+        )
     marks = _marks(octets[:end], places, starts, delimiter, starts_with(octets, starts, comment))
     first, damaged, complete = _records(marks, starts, ends, last)
     end = int(ends[complete - 1]) if complete else 0
@@ -69,7 +75,12 @@ def find(octets: Octets, delimiter: int, line_end: int, comment: bytes, last: bo
     turns = np.zeros(end, np.uint8)
     turns[special[special < end]] = 1
     outside = np.cumsum(turns, dtype=np.uint8) % 2 == 0
-    return Found(starts[first], end, _count((octets[:end] == delimiter) & outside, starts[first]) + 1, damaged)
+    return Found(
+        starts[first],
+        end,
+        _count((octets[:end] == delimiter) & outside, starts[first]) + 1,
+        damaged,
+    )
 
 
 def starts_with(octets: Octets, starts: Places, prefix: bytes) -> Bools:
@@ -82,9 +93,16 @@ def starts_with(octets: Octets, starts: Places, prefix: bytes) -> Bools:
 
 
 def find_by_blanks(octets: Octets, line_end: int, last: bool) -> Found:
-    """Return the lines of a piece whose cells are words separated by blanks or tabs; marks have no meaning."""
+    """Return the lines of a piece whose cells are words separated by blanks or tabs; marks have no
+    meaning.
+    """
     found = find(np.where(octets == QUOTE, np.uint8(0), octets), 0, line_end, b"", last)
-    return Found(found.starts, found.end, _count(_word_starts(octets[: found.end]), found.starts), found.damaged)
+    return Found(
+        found.starts,
+        found.end,
+        _count(_word_starts(octets[: found.end]), found.starts),
+        found.damaged,
+    )
 
 
 def tabbed(octets: Octets) -> Octets:
@@ -93,7 +111,9 @@ def tabbed(octets: Octets) -> Octets:
     words = np.flatnonzero(_word_starts(octets))
     kept = ~blank
     lines = np.cumsum(octets == LF)[words] if words.size else words
-    kept[words[np.diff(lines, prepend=-1) == 0] - 1] = True  # the last blank before a word that is not the first of its line
+    kept[words[np.diff(lines, prepend=-1) == 0] - 1] = (
+        True  # the last blank before a word that is not the first of its line
+    )
     return np.asarray(np.where(blank, TAB, octets).astype(np.uint8)[kept])
 
 
@@ -107,7 +127,9 @@ def _count(flags: NDArray[np.bool_], starts: Places) -> Places:
     return np.diff(np.searchsorted(np.flatnonzero(flags), np.append(starts, flags.size)))
 
 
-def _marks(octets: Octets, places: Places, starts: Places, delimiter: int, comments: Bools) -> _Marks:
+def _marks(
+    octets: Octets, places: Places, starts: Places, delimiter: int, comments: Bools
+) -> _Marks:
     lines = np.searchsorted(starts, places, "right") - 1
     counts = np.bincount(lines, minlength=starts.size)
     order = np.arange(places.size) - (np.cumsum(counts) - counts)[lines]
@@ -124,9 +146,11 @@ def _marks(octets: Octets, places: Places, starts: Places, delimiter: int, comme
 
 
 def _records(marks: _Marks, starts: Places, ends: Places, last: bool) -> tuple[Places, Bools, int]:
-    """Return the first lines of the records, which are damaged, and how many lines belong to complete records."""
-    # A line with an odd number of marks turns outside and inside round; one whose marks are mere characters outside
-    # closes a cell if it begins inside: after it, all is outside.
+    """Return the first lines of the records, which are damaged, and how many lines belong to
+    complete records.
+    """
+    # A line with an odd number of marks turns outside and inside round; one whose marks are mere
+    # characters outside closes a cell if it begins inside: after it, all is outside.
     resets = marks.odd & marks.literal
     turns = np.cumsum(marks.odd & ~resets)
     at_reset = np.maximum.accumulate(np.where(resets, turns, 0))
@@ -137,19 +161,30 @@ def _records(marks: _Marks, starts: Places, ends: Places, last: bool) -> tuple[P
     first = np.flatnonzero(outside[:complete])
     fit = np.where(outside, marks.literal | marks.fit_outside, marks.fit_inside)[:complete]
     stops = np.append(first[1:], complete)
-    small = (stops - first == 1) | ((stops - first <= MAX_RECORD_LINES) & (ends[stops - 1] - starts[first] <= MAX_RECORD_BYTES))
+    small = (stops - first == 1) | (
+        (stops - first <= MAX_RECORD_LINES) & (ends[stops - 1] - starts[first] <= MAX_RECORD_BYTES)
+    )
     open_lines = starts.size - complete
-    if fit.all() and small.all() and (not open_lines or not last) and not _too_long(starts, ends, complete):
+    if (
+        fit.all()
+        and small.all()
+        and (not open_lines or not last)
+        and not _too_long(starts, ends, complete)
+    ):
         return first, np.zeros(first.size, bool), complete
     return _around_damage(marks, starts, ends, last)
 
 
 def _too_long(starts: Places, ends: Places, first: int) -> bool:
     """Whether an open record has more lines or bytes than a record may have."""
-    return first < starts.size and (starts.size - first > MAX_RECORD_LINES or int(ends[-1] - starts[first]) > MAX_RECORD_BYTES)
+    return first < starts.size and (
+        starts.size - first > MAX_RECORD_LINES or int(ends[-1] - starts[first]) > MAX_RECORD_BYTES
+    )
 
 
-def _around_damage(marks: _Marks, starts: Places, ends: Places, last: bool) -> tuple[Places, Bools, int]:
+def _around_damage(
+    marks: _Marks, starts: Places, ends: Places, last: bool
+) -> tuple[Places, Bools, int]:
     """Do what :func:`_records` does line by line."""
     odd, literal = marks.odd.tolist(), marks.literal.tolist()
     fit_outside, fit_inside = marks.fit_outside.tolist(), marks.fit_inside.tolist()
@@ -162,7 +197,10 @@ def _around_damage(marks: _Marks, starts: Places, ends: Places, last: bool) -> t
         if not literal[line]:
             sound, is_open = fit_outside[line], odd[line]
             while sound and is_open:
-                if after - line >= MAX_RECORD_LINES or stops[after - 1] - begins[line] > MAX_RECORD_BYTES:
+                if (
+                    after - line >= MAX_RECORD_LINES
+                    or stops[after - 1] - begins[line] > MAX_RECORD_BYTES
+                ):
                     sound = False
                 elif after == len(odd):
                     if not last:

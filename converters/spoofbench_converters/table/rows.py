@@ -38,8 +38,14 @@ def used_columns(table: TableSpec, available: tuple[str, ...]) -> tuple[str, ...
             found.append(column[0])
         elif not optional:
             near = difflib.get_close_matches(name.removeprefix("-"), available, 1, 0.5)
-            hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(repr(name[:40]) for name in available[:15])}"
-            raise ConversionError(f"the table {table.name!r} of the mapping needs a column {name!r}; {hint}")
+            hint = (
+                f"did you mean {near[0]!r}?"
+                if near
+                else f"it has {', '.join(repr(name[:40]) for name in available[:15])}"
+            )
+            raise ConversionError(
+                f"the table {table.name!r} of the mapping needs a column {name!r}; {hint}"
+            )
     return tuple(dict.fromkeys(found))
 
 
@@ -111,7 +117,13 @@ class Topics:
         taken = some & ~is_bad & ~no_time
         rejects, left = [], ~taken
         wrongs = [(_BAD.format(name), wrong) for name, wrong in sorted(bad.items())]
-        for reason, wrong in ((_OTHER, ~mine), *wrongs, (_NO_TIME, no_time), (_HELD, held), (_NOTHING, ~some)):
+        for reason, wrong in (
+            (_OTHER, ~mine),
+            *wrongs,
+            (_NO_TIME, no_time),
+            (_HELD, held),
+            (_NOTHING, ~some),
+        ):
             now = left & wrong
             if now.any():
                 rejects.append(Rejects(rows.offsets[now], rows.lengths[now], reason))
@@ -137,7 +149,9 @@ class Topics:
             yield Rejects(refused["offset"], refused["length"], _BACKWARDS)
 
     def _blocks(self, ready: Columns, besides: int) -> Iterator[Item]:
-        """Yield each topic's rows; what a row takes of the source goes to the first topic that has it."""
+        """Yield each topic's rows; what a row takes of the source goes to the first topic that has
+        it.
+        """
         free = np.ones(ready["time_ns"].size, bool)
         for topic in self._topics:
             rows = ready[f"{topic.key}row"]

@@ -17,7 +17,8 @@ MAX_SNIFFED = 1000
 
 @dataclass(slots=True)
 class Session:
-    """A mapping and the files of its tables; a MAT file may hold several tables, and arrays of several files may be one.
+    """A mapping and the files of its tables; a MAT file may hold several tables, and arrays of
+    several files may be one.
 
     Attributes:
         files: by table.
@@ -36,7 +37,8 @@ class Session:
 
 
 def open_session(source: Source, given: str | None) -> Session:
-    """Return the files of a log by table, with the mapping that the user gives, that the log is, or that knows it.
+    """Return the files of a log by table, with the mapping that the user gives, that the log is, or
+    that knows it.
 
     Raises:
         ConversionError: there is no mapping for it, or a table has no file.
@@ -44,9 +46,14 @@ def open_session(source: Source, given: str | None) -> Session:
     own = mapping_of(source)
     if own is not None:
         patterns = _patterns(own)
-        files = files_in(source.beside(lambda name: any(fits(name, pattern) for pattern in patterns)))
+        files = files_in(
+            source.beside(lambda name: any(fits(name, pattern) for pattern in patterns))
+        )
         if not files:
-            raise ConversionError(f"beside the mapping {source.path.name!r} lies none of the 'files' of its tables: {patterns}")
+            raise ConversionError(
+                f"beside the mapping {source.path.name!r} lies none of the 'files' of its tables: "
+                f"{patterns}"
+            )
         return _session(own, files, is_lone=False)
     files = files_of(source)
     if given is not None:
@@ -57,7 +64,8 @@ def open_session(source: Source, given: str | None) -> Session:
         if mapping.recognised and _knows(mapping, files):
             return _session(mapping, files, is_lone=not source.members())
     raise ConversionError(
-        f"no ready mapping knows the table {source.path.name!r}: write one and give it with --mapping FILE.toml, or name one of "
+        f"no ready mapping knows the table {source.path.name!r}: write one and give it with "
+        "--mapping FILE.toml, or name one of "
         f"{', '.join(ready_names())}"
     )
 
@@ -66,13 +74,21 @@ def _find_tags(session: Session, source: Source) -> None:
     """Find the time tags beside a lone file."""
     beside = source.path.with_name(f"{source.path.name}.tag")
     anchor = session.mapping.anchor
-    if anchor is not None and anchor.tags is not None and session.tags is None and source.path.is_file() and beside.is_file():
+    if (
+        anchor is not None
+        and anchor.tags is not None
+        and session.tags is None
+        and source.path.is_file()
+        and beside.is_file()
+    ):
         content = Source.of(beside)
         session.tags = File(beside.name, content, content.head, share=0)
 
 
 def sniff(source: Source) -> float:
-    """Return 1 for a mapping, 0.9 for a log whose tables are exactly those of a ready mapping, else 0."""
+    """Return 1 for a mapping, 0.9 for a log whose tables are exactly those of a ready mapping, else
+    0.
+    """
     if _is_mapping(source):
         return 1.0
     try:
@@ -86,7 +102,11 @@ def sniff(source: Source) -> float:
         if len(source.members()) > MAX_SNIFFED:
             return 0.0
         files = files_of(source)
-        return 0.9 if any(mapping.recognised and _knows(mapping, files) for mapping in _ready()) else 0.0
+        return (
+            0.9
+            if any(mapping.recognised and _knows(mapping, files) for mapping in _ready())
+            else 0.0
+        )
     except ConversionError:
         return 0.0
 
@@ -111,7 +131,9 @@ def _ready() -> tuple[Mapping, ...]:
 
 def _patterns(mapping: Mapping) -> list[str]:
     tags = mapping.anchor.tags if mapping.anchor else None
-    return [pattern for table in mapping.tables for pattern in table.files] + ([tags] if tags else [])
+    return [pattern for table in mapping.tables for pattern in table.files] + (
+        [tags] if tags else []
+    )
 
 
 def _session(mapping: Mapping, files: Sequence[File], *, is_lone: bool) -> Session:
@@ -129,22 +151,38 @@ def _session(mapping: Mapping, files: Sequence[File], *, is_lone: bool) -> Sessi
         tables = [] if file.is_hidden and not is_lone else _tables_of(mapping, file, is_lone)
         if len(tables) > 1 and file.format != "mat":
             raise ConversionError(
-                f"{file.name!r} fits the tables {[table.name for table in tables]} of the mapping {mapping.name!r}: narrow their 'files'"
+                f"{file.name!r} fits the tables {[table.name for table in tables]} of the mapping "
+                f"{mapping.name!r}: narrow their 'files'"
             )
         size = file.size() or 0
         for place, table in enumerate(tables):
-            share = size * (place + 1) // len(tables) - size * place // len(tables) if file.format == "mat" else None
+            share = (
+                size * (place + 1) // len(tables) - size * place // len(tables)
+                if file.format == "mat"
+                else None
+            )
             session.files.setdefault(table.name, []).append(replace(file, share=share))
         if not tables:
             session.unused.append(file)
     if not session.files:
-        raise ConversionError(f"the mapping {mapping.name!r} has no table for any of {[file.name for file in files[:10]]}")
+        raise ConversionError(
+            f"the mapping {mapping.name!r} has no table for any of "
+            f"{[file.name for file in files[:10]]}"
+        )
     return session
 
 
 def _tables_of(mapping: Mapping, file: File, is_lone: bool) -> list[TableSpec]:
-    tables = [table for table in mapping.tables if not table.messages and table.layout.format in (None, file.format)]
-    named = [table for table in tables if any(fits(file.name, pattern) for pattern in table.files) or not table.files]
+    tables = [
+        table
+        for table in mapping.tables
+        if not table.messages and table.layout.format in (None, file.format)
+    ]
+    named = [
+        table
+        for table in tables
+        if any(fits(file.name, pattern) for pattern in table.files) or not table.files
+    ]
     if not is_lone and (len(named) < 2 or file.format == "npy"):
         return named
     fitting = [table for table in named or tables if _has_columns(table, file, exact=False)]
@@ -154,17 +192,26 @@ def _tables_of(mapping: Mapping, file: File, is_lone: bool) -> list[TableSpec]:
 
 
 def _knows(mapping: Mapping, files: Sequence[File]) -> bool:
-    """Whether the files are exactly tables of a mapping; beside tables that are known by their files' names, others may lie."""
+    """Whether the files are exactly tables of a mapping; beside tables that are known by their
+    files' names, others may lie.
+    """
     seen = [file for file in files if file.head]
-    known = [[table for table in mapping.tables if _is_exactly(table, file, len(files) > 1)] for file in seen]
+    known = [
+        [table for table in mapping.tables if _is_exactly(table, file, len(files) > 1)]
+        for file in seen
+    ]
     if len(files) == 1:
         return any(known)
-    is_whole = {table.name for tables in known for table in tables} == {table.name for table in mapping.tables}
+    is_whole = {table.name for tables in known for table in tables} == {
+        table.name for table in mapping.tables
+    }
     names = [array_name(file) for file, tables in zip(seen, known, strict=True) if tables]
     return (
         is_whole
         and len(names) == len(set(names))
-        and (all(known) or (len(mapping.tables) > 1 and all(table.files for table in mapping.tables)))
+        and (
+            all(known) or (len(mapping.tables) > 1 and all(table.files for table in mapping.tables))
+        )
     )
 
 
@@ -181,7 +228,9 @@ def _is_exactly(table: TableSpec, file: File, is_named: bool) -> bool:
 
 
 def _has_columns(table: TableSpec, file: File, *, exact: bool) -> bool:
-    """Whether a file has the columns of a table; ``exact``: all, and no other, so that it can be no other table."""
+    """Whether a file has the columns of a table; ``exact``: all, and no other, so that it can be no
+    other table.
+    """
     try:
         if file.format == "csv" and table.layout.format in (None, "csv"):
             return _text_fits(table, file, exact)
@@ -189,16 +238,34 @@ def _has_columns(table: TableSpec, file: File, *, exact: bool) -> bool:
     except ConversionError:
         return False
     lacking = required_columns(table) - names
-    return not lacking and (not exact or file.format in ("mat", "npy") or (bool(table.columns) and names <= set(table.columns)))
+    return not lacking and (
+        not exact
+        or file.format in ("mat", "npy")
+        or (bool(table.columns) and names <= set(table.columns))
+    )
 
 
 def _text_fits(table: TableSpec, file: File, exact: bool) -> bool:
     head = read_head(file.head, table.layout, file.name)
-    if table.signature and not any(comment.startswith(table.signature) for comment in head.comments):
+    if table.signature and not any(
+        comment.startswith(table.signature) for comment in head.comments
+    ):
         return False
     if table.layout.header:
         names = set(head.names)
-        wanted = {column[0] for name in table.wanted() if (column := resolve(name, frozenset(names)))}
-        lacking = [name for name, optional in table.wanted().items() if not optional and resolve(name, frozenset(names)) is None]
-        return not lacking and bool(wanted) and (not exact or (bool(table.columns) and names <= set(table.columns)))
-    return least_width(table) <= head.width <= len(table.columns) and (not exact or bool(table.signature))
+        wanted = {
+            column[0] for name in table.wanted() if (column := resolve(name, frozenset(names)))
+        }
+        lacking = [
+            name
+            for name, optional in table.wanted().items()
+            if not optional and resolve(name, frozenset(names)) is None
+        ]
+        return (
+            not lacking
+            and bool(wanted)
+            and (not exact or (bool(table.columns) and names <= set(table.columns)))
+        )
+    return least_width(table) <= head.width <= len(table.columns) and (
+        not exact or bool(table.signature)
+    )

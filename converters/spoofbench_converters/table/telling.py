@@ -1,4 +1,6 @@
-"""Times as the cells in which a mapping writes them: the reverse of :mod:`spoofbench_converters.table.times`."""
+"""Times as the cells in which a mapping writes them: the reverse of
+:mod:`spoofbench_converters.table.times`.
+"""
 
 from typing import Any
 
@@ -11,12 +13,17 @@ from spoofbench_converters.table.times import ns_per, offset_ns
 
 
 def tell(spec: TimeSpec, utc_ns: NDArray[np.int64]) -> dict[str, Any]:
-    """Return the columns of times as Arrow arrays ``(n,)``: exact in seconds, ms, us and ns, else the nearest number."""
+    """Return the columns of times as Arrow arrays ``(n,)``: exact in seconds, ms, us and ns, else
+    the nearest number.
+    """
     import pyarrow as pa
 
     own_ns = utc_ns
     if spec.scale == "gps":
-        own_ns = utc_ns + (leap_seconds(utc_ns) if spec.leap_seconds is None else spec.leap_seconds) * SECOND_NS
+        own_ns = (
+            utc_ns
+            + (leap_seconds(utc_ns) if spec.leap_seconds is None else spec.leap_seconds) * SECOND_NS
+        )
     elif spec.unit is None or spec.of_day or spec.date is not None:
         own_ns = utc_ns + offset_ns(spec)
     if spec.unit is None:
@@ -25,7 +32,11 @@ def tell(spec: TimeSpec, utc_ns: NDArray[np.int64]) -> dict[str, Any]:
         since = own_ns - GPS_EPOCH_NS
         return {spec.week: pa.array(since // WEEK_NS), spec.column: _number(spec, since % WEEK_NS)}
     if spec.of_day:
-        day = {spec.date: pa.array(_written(own_ns, spec.date_format, "D"))} if spec.date is not None else {}
+        day = (
+            {spec.date: pa.array(_written(own_ns, spec.date_format, "D"))}
+            if spec.date is not None
+            else {}
+        )
         return {**day, spec.column: _number(spec, own_ns % DAY_NS)}
     since_ns = spec.since_ns or 0
     if abs(since_ns) < 2**62:
@@ -36,13 +47,17 @@ def tell(spec: TimeSpec, utc_ns: NDArray[np.int64]) -> dict[str, Any]:
 def _number(spec: TimeSpec, count_ns: NDArray[np.int64]) -> Any:
     import pyarrow as pa
 
-    digits = {10**9: 9, 10**6: 6, 10**3: 3, 1: 0}.get(ns_per(spec).numerator if ns_per(spec).denominator == 1 else 0)
+    digits = {10**9: 9, 10**6: 6, 10**3: 3, 1: 0}.get(
+        ns_per(spec).numerator if ns_per(spec).denominator == 1 else 0
+    )
     if digits is None:
         return pa.array(count_ns / float(ns_per(spec)))
     if digits == 0:
         return pa.array(count_ns)
     pairs = np.stack([count_ns, count_ns >> 63], axis=1).astype(np.int64)
-    return pa.Array.from_buffers(pa.decimal128(38, digits), count_ns.size, [None, pa.py_buffer(pairs.tobytes())])
+    return pa.Array.from_buffers(
+        pa.decimal128(38, digits), count_ns.size, [None, pa.py_buffer(pairs.tobytes())]
+    )
 
 
 def _texts(spec: TimeSpec, own_ns: NDArray[np.int64]) -> dict[str, Any]:
@@ -54,13 +69,18 @@ def _texts(spec: TimeSpec, own_ns: NDArray[np.int64]) -> dict[str, Any]:
         whole = np.char.partition(_written(own_ns, "iso", "ns"), " ")
         return {spec.date: pa.array(whole[:, 0]), spec.column: pa.array(whole[:, 2])}
     date, _, time = spec.format.partition(" ")
-    return {spec.date: pa.array(_written(own_ns, date, "D")), spec.column: pa.array(_written(own_ns, time, "ns"))}
+    return {
+        spec.date: pa.array(_written(own_ns, date, "D")),
+        spec.column: pa.array(_written(own_ns, time, "ns")),
+    }
 
 
 def _written(own_ns: NDArray[np.int64], pattern: str, unit: str) -> NDArray[Any]:
     """Return times as text, by a pattern or in ISO 8601 with a blank."""
     if pattern == "iso":
-        return np.char.replace(np.datetime_as_string(own_ns.astype("datetime64[ns]"), unit=unit), "T", " ")  # type: ignore[call-overload]
+        return np.char.replace(
+            np.datetime_as_string(own_ns.astype("datetime64[ns]"), unit=unit), "T", " "
+        )  # type: ignore[call-overload]
     import pandas as pd
 
     return np.asarray(pd.DatetimeIndex(own_ns.astype("datetime64[ns]")).strftime(pattern), str)

@@ -1,7 +1,8 @@
 """Delimited text: records with the bytes that they take, in bounded memory.
 
-Records are found first (RFC 4180: a quoted cell may hold line ends and delimiters), so that each byte has its place in
-the account and damage costs one record; the sound ones are then taken apart by Arrow.
+Records are found first (RFC 4180: a quoted cell may hold line ends and delimiters), so that each
+byte has its place in the account and damage costs one record; the sound ones are then taken apart
+by Arrow.
 """
 
 import csv
@@ -45,10 +46,9 @@ _ENDLESS = "a record of more than 1 MiB"
 class Rows:
     """Successive rows of a table.
 
-    Attributes:
-        columns: Arrow arrays ``(n,)`` by name; null is an empty cell.
-        offsets, lengths: int64 ``(n,)``, where each row lies in the source and what it takes of it.
-        besides: units of the source that are understood, but no rows: header, comments, blank lines.
+    Attributes: columns: Arrow arrays ``(n,)`` by name; null is an empty cell. offsets, lengths:
+        int64 ``(n,)``, where each row lies in the source and what it takes of it. besides: units of
+        the source that are understood, but no rows: header, comments, blank lines.
     """
 
     columns: Mapping[str, Any]
@@ -92,7 +92,11 @@ def read_head(octets: bytes, layout: Layout, name: str) -> Head:
     widths: Counter[int] = Counter()
     while place < len(octets) and widths.total() < HEAD_LINES:
         end = octets.find(line_end, place) + 1 or len(octets)
-        line = octets[place:end].decode("latin-1" if layout.encoding == "latin-1" else "utf-8", "replace").strip("\r\n\0")
+        line = (
+            octets[place:end]
+            .decode("latin-1" if layout.encoding == "latin-1" else "utf-8", "replace")
+            .strip("\r\n\0")
+        )
         if skip:
             skip -= 1
         elif layout.comment and line.startswith(layout.comment):
@@ -100,7 +104,9 @@ def read_head(octets: bytes, layout: Layout, name: str) -> Head:
         elif line.strip() and want_header:
             names, want_header = _unique(split_line(line, layout)), False
             if any(letter < " " for letter in "".join(names).replace("\t", " ")):
-                raise ConversionError(f"{name!r} is no text: there are control characters in the names of its columns")
+                raise ConversionError(
+                    f"{name!r} is no text: there are control characters in the names of its columns"
+                )
         elif line.strip():
             first = place if first < 0 else first
             widths[len(split_line(line, layout))] += 1
@@ -141,7 +147,9 @@ class Records:
         base: offset of the file in the source.
     """
 
-    def __init__(self, layout: Layout, names: Sequence[str], wanted: Sequence[str], base: int) -> None:
+    def __init__(
+        self, layout: Layout, names: Sequence[str], wanted: Sequence[str], base: int
+    ) -> None:
         self._layout, self._names, self._wanted = layout, tuple(names), tuple(wanted)
         self._comment = (layout.comment or "").encode()
         self._blanks = layout.delimiter == "whitespace"
@@ -184,14 +192,19 @@ class Records:
         """Yield the rows of complete records, and those that are damaged."""
         offsets, lengths = found.starts + self._at, found.lengths()
         besides = starts_with(octets, found.starts, self._comment)
-        besides |= (found.cells == 0) | ((lengths <= 2) & ((octets[found.starts] == LF) | (octets[found.starts] == CR)))
+        besides |= (found.cells == 0) | (
+            (lengths <= 2) & ((octets[found.starts] == LF) | (octets[found.starts] == CR))
+        )
         trailing = self._trailing(octets, found)
         sound = ~besides
         for reason, wrong in (
             (_MARKS, found.damaged),
             (_ENDLESS, lengths > MAX_RECORD_BYTES),
             ("NUL bytes", _any(octets == 0, found.starts)),
-            ("another number of cells than the table has columns", found.cells - trailing != len(self._names)),
+            (
+                "another number of cells than the table has columns",
+                found.cells - trailing != len(self._names),
+            ),
             ("text that is not UTF-8", self._undecodable(octets, found)),
         ):
             lost = sound & wrong
@@ -206,10 +219,15 @@ class Records:
         yield from self._rows(text, sizes, rows)
 
     def _trailing(self, octets: Octets, found: Found) -> NDArray[np.bool_]:
-        """Which records end with a delimiter behind which there is nothing, beyond the last column."""
+        """Which records end with a delimiter behind which there is nothing, beyond the last
+        column.
+        """
         if self._blanks:
             return np.zeros(found.starts.size, bool)
-        return np.asarray((found.cells == len(self._names) + 1) & (octets[_last_octets(octets, found)] == self._delimiter))
+        return np.asarray(
+            (found.cells == len(self._names) + 1)
+            & (octets[_last_octets(octets, found)] == self._delimiter)
+        )
 
     def _undecodable(self, octets: Octets, found: Found) -> NDArray[np.bool_]:
         wrong = np.zeros(found.starts.size, bool)
@@ -221,7 +239,9 @@ class Records:
         return wrong
 
     def _rows(self, octets: Octets, sizes: Places, rows: Rows) -> Iterator[Rows | Rejects]:
-        """Yield the rows of sound records of these sizes; where Arrow sees other records than we do, halve until the one is found."""
+        """Yield the rows of sound records of these sizes; where Arrow sees other records than we
+        do, halve until the one is found.
+        """
         columns = self._parsed(octets, sizes.size)
         if columns is not None:
             yield Rows(columns, rows.offsets, rows.lengths, rows.besides)
@@ -231,8 +251,14 @@ class Records:
         else:
             half = sizes.size // 2
             cut = int(sizes[:half].sum())
-            yield from self._rows(octets[:cut], sizes[:half], Rows({}, rows.offsets[:half], rows.lengths[:half], rows.besides))
-            yield from self._rows(octets[cut:], sizes[half:], Rows({}, rows.offsets[half:], rows.lengths[half:]))
+            yield from self._rows(
+                octets[:cut],
+                sizes[:half],
+                Rows({}, rows.offsets[:half], rows.lengths[:half], rows.besides),
+            )
+            yield from self._rows(
+                octets[cut:], sizes[half:], Rows({}, rows.offsets[half:], rows.lengths[half:])
+            )
 
     def _parsed(self, octets: Octets, rows: int) -> Mapping[str, Any] | None:
         import pyarrow as pa
@@ -246,7 +272,9 @@ class Records:
         try:
             table = arrow.read_csv(
                 pa.BufferReader(text),
-                arrow.ReadOptions(use_threads=False, block_size=len(text) + 1, column_names=list(self._names)),
+                arrow.ReadOptions(
+                    use_threads=False, block_size=len(text) + 1, column_names=list(self._names)
+                ),
                 arrow.ParseOptions(
                     delimiter=chr(self._delimiter),
                     quote_char=False if self._blanks else '"',
@@ -263,7 +291,9 @@ class Records:
             return None
         if table.num_rows != rows:
             return None
-        return {name: self._with_points(table.column(name).combine_chunks()) for name in self._wanted}
+        return {
+            name: self._with_points(table.column(name).combine_chunks()) for name in self._wanted
+        }
 
     def _with_points(self, cells: Any) -> Any:
         """Return cells with numbers written with a point where the layout has a comma."""

@@ -26,15 +26,20 @@ def gps_to_utc(gps_ns: NDArray[np.int64], leap_seconds: int | None = None) -> ND
 class Clock:
     """Reads the time of rows as they stream by: a number that starts over is continued.
 
-    Args:
-        spec: what the mapping says.
-        start_ns: Unix time, UTC, at which the count of a clock without date is 0; of a time of day, a day's midnight.
+    Args: spec: what the mapping says. start_ns: Unix time, UTC, at which the count of a clock
+        without date is 0; of a time of day, a day's midnight.
     """
 
     def __init__(self, spec: TimeSpec, start_ns: int = 0) -> None:
         self.spec = spec
         self._start_ns = start_ns
-        per_turn = DAY_NS if spec.of_day and spec.date is None else round(spec.wraps * ns_per(spec)) if spec.unit else 0
+        per_turn = (
+            DAY_NS
+            if spec.of_day and spec.date is None
+            else round(spec.wraps * ns_per(spec))
+            if spec.unit
+            else 0
+        )
         self._turn_ns = per_turn
         self._last_ns: int | None = None
         self._turns = 0
@@ -84,7 +89,9 @@ class Clock:
         return since_ns if abs(since_ns) < LIMIT_NS else 0, False
 
     def _turned(self, count_ns: NDArray[np.int64], bad: Bools) -> NDArray[np.int64]:
-        """Return what is to be added because the count started over, or went back before that again."""
+        """Return what is to be added because the count started over, or went back before that
+        again.
+        """
         good = np.flatnonzero(~bad)
         added = np.zeros(count_ns.size, np.int64)
         if not good.size:
@@ -108,12 +115,22 @@ def _texts(spec: TimeSpec, columns: Mapping[str, Any]) -> tuple[NDArray[np.int64
         texts = pc.binary_join_element_wise(words(columns[spec.date]), texts, " ")
     if spec.format == "iso":
         texts = pc.replace_substring(texts, "/", "-")
-    zoned = np.array(pc.fill_null(pc.match_substring_regex(texts, _ZONED), False).to_numpy(zero_copy_only=False), bool)
+    zoned = np.array(
+        pc.fill_null(pc.match_substring_regex(texts, _ZONED), False).to_numpy(zero_copy_only=False),
+        bool,
+    )
     if spec.format == "iso":
-        zoned &= np.array(pc.fill_null(pc.match_substring(texts, ":"), False).to_numpy(zero_copy_only=False), bool)
+        zoned &= np.array(
+            pc.fill_null(pc.match_substring(texts, ":"), False).to_numpy(zero_copy_only=False), bool
+        )
     elif "%z" not in spec.format:
         zoned[:] = False
-    parsed = pd.to_datetime(texts.to_pandas(), format="ISO8601" if spec.format == "iso" else spec.format, utc=True, errors="coerce")
+    parsed = pd.to_datetime(
+        texts.to_pandas(),
+        format="ISO8601" if spec.format == "iso" else spec.format,
+        utc=True,
+        errors="coerce",
+    )
     time_ns, bad = _to_ns(parsed)
     return np.where(bad, 0, time_ns - np.where(zoned, 0, offset_ns(spec))), bad
 
@@ -123,16 +140,26 @@ def _dates(cells: Any, pattern: str) -> tuple[NDArray[np.int64], Bools]:
     import pandas as pd
 
     written = "ISO8601" if pattern == "iso" else pattern
-    return _to_ns(pd.to_datetime(words(cells).to_pandas(), format=written, utc=True, errors="coerce").dt.floor("D"))
+    return _to_ns(
+        pd.to_datetime(
+            words(cells).to_pandas(), format=written, utc=True, errors="coerce"
+        ).dt.floor("D")
+    )
 
 
 def _to_ns(moments: Any) -> tuple[NDArray[np.int64], Bools]:
-    """Return a pandas series of times as Unix time, and which are none, or beyond what nanoseconds can count."""
+    """Return a pandas series of times as Unix time, and which are none, or beyond what nanoseconds
+    can count.
+    """
     import pandas as pd
 
-    within = moments.between(pd.Timestamp("1823-01-01", tz="UTC"), pd.Timestamp("2116-01-01", tz="UTC"))
+    within = moments.between(
+        pd.Timestamp("1823-01-01", tz="UTC"), pd.Timestamp("2116-01-01", tz="UTC")
+    )
     bounded = moments.where(within, pd.Timestamp(0, tz="UTC"))
-    return bounded.dt.as_unit("ns").dt.tz_localize(None).to_numpy(dtype="datetime64[ns]").astype(np.int64), ~np.asarray(within)
+    return bounded.dt.as_unit("ns").dt.tz_localize(None).to_numpy(dtype="datetime64[ns]").astype(
+        np.int64
+    ), ~np.asarray(within)
 
 
 def ns_per(spec: TimeSpec) -> Fraction:

@@ -6,7 +6,14 @@ from typing import Any
 
 from spoofbench.errors import ConversionError
 
-_TYPES = {str: "text", bool: "true or false", dict: "a table", list: "a list", int: "a whole number", float: "a number"}
+_TYPES = {
+    str: "text",
+    bool: "true or false",
+    dict: "a table",
+    list: "a list",
+    int: "a whole number",
+    float: "a number",
+}
 
 
 class Node:
@@ -33,7 +40,8 @@ class Node:
             if key not in known:
                 near = difflib.get_close_matches(key, known, 1)
                 raise self.error(
-                    f"has the unknown key {key!r}; " + (f"did you mean {near[0]!r}?" if near else f"it may have {sorted(known)}")
+                    f"has the unknown key {key!r}; "
+                    + (f"did you mean {near[0]!r}?" if near else f"it may have {sorted(known)}")
                 )
 
     def raw(self, key: str) -> Any:
@@ -78,7 +86,9 @@ class Node:
         return tuple(many)
 
     def words(self, key: str) -> tuple[str, ...]:
-        """Return what cells of a table may hold: a text, number or flag, or a list of them, as texts."""
+        """Return what cells of a table may hold: a text, number or flag, or a list of them, as
+        texts.
+        """
         value = self._content.get(key, [])
         many = value if isinstance(value, list) else [value]
         if not all(isinstance(each, str | int | float) for each in many):

@@ -24,7 +24,9 @@ _FLAGS = {"true": 1, "false": 0, "t": 1, "f": 0, "yes": 1, "no": 0, "1": 1, "0":
 
 
 def resolve(name: str, available: Mapping[str, Any] | frozenset[str]) -> tuple[str, bool] | None:
-    """Return a column and whether its sign is turned, None where there is no such column; a leading minus may belong to the name."""
+    """Return a column and whether its sign is turned, None where there is no such column; a leading
+    minus may belong to the name.
+    """
     if name in available:
         return name, False
     if name.startswith("-") and name[1:] in available:
@@ -34,7 +36,9 @@ def resolve(name: str, available: Mapping[str, Any] | frozenset[str]) -> tuple[s
 
 @dataclass(slots=True)
 class Read:
-    """What a topic found: which rows are its own, wrong in a column of the table, say something, or only repeat; and its columns."""
+    """What a topic found: which rows are its own, wrong in a column of the table, say something, or
+    only repeat; and its columns.
+    """
 
     mine: Bools
     bad: dict[str, Bools]
@@ -57,7 +61,11 @@ class Topic:
         self._kind = KINDS[spec.kind]
         self._last: dict[str, str | None] = {}
         self._words: dict[str, dict[str, int]] = {}
-        self._clocks = {name: Clock(time) for name, time in (("claims", spec.claims), ("receive_time_ns", spec.receive_time)) if time}
+        self._clocks = {
+            name: Clock(time)
+            for name, time in (("claims", spec.claims), ("receive_time_ns", spec.receive_time))
+            if time
+        }
 
     def read(self, available: Mapping[str, Any], count: int) -> Read:
         mine = self._mine(available, count)
@@ -71,12 +79,20 @@ class Topic:
             if field.column is not None:
                 bad[field.column] = bad.get(field.column, False) | wrong
         for name, clock in self._clocks.items():
-            bad[clock.spec.column] = bad.get(clock.spec.column, False) | self._time(name, clock, available, columns)
+            bad[clock.spec.column] = bad.get(clock.spec.column, False) | self._time(
+                name, clock, available, columns
+            )
         held = mine & ~changed
         self.held += int(held.sum())
         row = mine & changed & some
         columns[f"{self.key}row"] = row
-        return Read(mine, {name: wrong & mine & changed for name, wrong in bad.items() if wrong.any()}, row, held, columns)
+        return Read(
+            mine,
+            {name: wrong & mine & changed for name, wrong in bad.items() if wrong.any()},
+            row,
+            held,
+            columns,
+        )
 
     def table(self, columns: Columns) -> Table:
         """Return rows as a table."""
@@ -85,11 +101,21 @@ class Topic:
         for name, values in columns.items():
             field = name.removeprefix(key)
             if name.startswith(key) and field in self._kind.fields:
-                words = tuple(self._words[field]) if self._kind.fields[field].category == "text" else None
+                words = (
+                    tuple(self._words[field])
+                    if self._kind.fields[field].category == "text"
+                    else None
+                )
                 fields[field] = Column(values, columns.get(f"{name}?"), words)
         for triple in ECEF:
             if f"{key}{triple}[0]" in columns:
-                fields |= geodetic({name.removeprefix(key): values for name, values in columns.items() if name.startswith(key)})
+                fields |= geodetic(
+                    {
+                        name.removeprefix(key): values
+                        for name, values in columns.items()
+                        if name.startswith(key)
+                    }
+                )
                 break
         return Table(self.spec.kind, columns["time_ns"], fields)
 
@@ -113,19 +139,30 @@ class Topic:
             texts = pc.fill_null(pc.filter(cells.words(available[name]), pa.array(mine)), "")
             before = pa.array([self._last.get(name)], pa.string())
             shifted = pa.concat_arrays([before, texts.slice(0, len(texts) - 1)])
-            changed |= np.array(pc.fill_null(pc.not_equal(texts, shifted), True).to_numpy(zero_copy_only=False), bool)
+            changed |= np.array(
+                pc.fill_null(pc.not_equal(texts, shifted), True).to_numpy(zero_copy_only=False),
+                bool,
+            )
             self._last[name] = texts[len(texts) - 1].as_py()
         result = np.zeros(mine.size, bool)
         result[mine] = changed
         return result
 
-    def _field(self, spec: FieldSpec, available: Mapping[str, Any], count: int, columns: Columns) -> tuple[Bools, Bools]:
-        """Add a field's column; return which rows are wrong and which have a value that the table gives."""
+    def _field(
+        self, spec: FieldSpec, available: Mapping[str, Any], count: int, columns: Columns
+    ) -> tuple[Bools, Bools]:
+        """Add a field's column; return which rows are wrong and which have a value that the table
+        gives.
+        """
         nothing = np.zeros(count, bool)
         key = f"{self.key}{spec.name}"
         if spec.column is None:
             assert spec.constant is not None
-            columns[key] = np.full(count, self._code(spec.name, spec.constant), np.int32 if isinstance(spec.constant, str) else None)
+            columns[key] = np.full(
+                count,
+                self._code(spec.name, spec.constant),
+                np.int32 if isinstance(spec.constant, str) else None,
+            )
             return nothing, nothing
         column = resolve(spec.column, available)
         if column is None:
@@ -133,7 +170,11 @@ class Topic:
         name, minus = column
         values, there, bad = self._values(spec, available[name], minus != spec.negate)
         columns[key] = values
-        if values.dtype.kind != "f" and spec.name in self._kind.fields and self._kind.fields[spec.name].category != "text":
+        if (
+            values.dtype.kind != "f"
+            and spec.name in self._kind.fields
+            and self._kind.fields[spec.name].category != "text"
+        ):
             columns[f"{key}?"] = there
         return bad, there
 
@@ -154,7 +195,11 @@ class Topic:
             if category == "float":
                 return numbers, there, bad & ~gone
             odd = there & (numbers != np.rint(numbers))
-            return np.where(there & ~odd, numbers, 0).astype(np.int64), there & ~odd, (bad | odd) & ~gone
+            return (
+                np.where(there & ~odd, numbers, 0).astype(np.int64),
+                there & ~odd,
+                (bad | odd) & ~gone,
+            )
         if category == "integer":
             whole, there, bad = cells.integers(raw)
             return np.where(gone, 0, whole), there & ~gone, bad & ~gone
@@ -169,14 +214,23 @@ class Topic:
         if category == "boolean":
             return _FLAGS
         numbers = enum_numbers(self._kind, self._kind.fields[name])
-        return {**{str(number): number for number in numbers.values()}, **{text.lower(): number for text, number in numbers.items()}}
+        return {
+            **{str(number): number for number in numbers.values()},
+            **{text.lower(): number for text, number in numbers.items()},
+        }
 
     def _mapped(self, spec: FieldSpec, raw: Any) -> tuple[NDArray[Any], Bools]:
         assert spec.values is not None
-        constants = {text: self._code(spec.name, constant) for text, constant in spec.values.items()}
+        constants = {
+            text: self._code(spec.name, constant) for text, constant in spec.values.items()
+        }
         is_float = any(isinstance(constant, float) for constant in constants.values())
         is_text = self._kind.fields[spec.name].category == "text"
-        values = np.full(len(raw), np.nan if is_float else -1 if is_text else 0, np.float64 if is_float else np.int64)
+        values = np.full(
+            len(raw),
+            np.nan if is_float else -1 if is_text else 0,
+            np.float64 if is_float else np.int64,
+        )
         there = np.zeros(len(raw), bool)
         for text, constant in constants.items():
             same = cells.matches(raw, (text,))
@@ -195,15 +249,21 @@ class Topic:
         """Return texts as codes into all words met so far, -1 where empty."""
         coded = texts.dictionary_encode()
         words = self._words.setdefault(name, {})
-        codes = np.array([words.setdefault(word, len(words)) for word in coded.dictionary.to_pylist()] + [-1], np.int32)
+        codes = np.array(
+            [words.setdefault(word, len(words)) for word in coded.dictionary.to_pylist()] + [-1],
+            np.int32,
+        )
         if sum(map(len, words)) > MAX_WORD_OCTETS:
             raise LimitError(
-                f"the column of {name!r} holds more than {MAX_WORD_OCTETS:,} characters of different texts: leave it out of the mapping"
+                f"the column of {name!r} holds more than {MAX_WORD_OCTETS:,} characters of "
+                "different texts: leave it out of the mapping"
             )
         places = coded.indices.fill_null(-1).to_numpy(zero_copy_only=False)
         return np.asarray(codes[places])
 
-    def _time(self, name: str, clock: Clock, available: Mapping[str, Any], columns: Columns) -> Bools:
+    def _time(
+        self, name: str, clock: Clock, available: Mapping[str, Any], columns: Columns
+    ) -> Bools:
         """Add what a time says; return which rows have something there that is no time."""
         spec = clock.spec
         time_ns, bad = clock.read(available)
@@ -221,4 +281,6 @@ class Topic:
         return bad & self._there(spec, available)
 
     def _there(self, spec: TimeSpec, available: Mapping[str, Any]) -> Bools:
-        return np.asarray(np.logical_and.reduce([cells.present(available[name]) for name in spec.columns()]))
+        return np.asarray(
+            np.logical_and.reduce([cells.present(available[name]) for name in spec.columns()])
+        )

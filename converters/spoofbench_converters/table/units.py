@@ -1,7 +1,8 @@
 """Units that a mapping may name, and how their values become values of a schema field.
 
-Each dimension has one unit in the schema, the one that field names end in; every other unit of that dimension
-stands here with its factor. Factors are exact: SI Brochure, 9th ed. (2019), and NIST SP 811 (2008), appendix B.
+Each dimension has one unit in the schema, the one that field names end in; every other unit of that
+dimension stands here with its factor. Factors are exact: SI Brochure, 9th ed. (2019), and NIST SP
+811 (2008), appendix B.
 """
 
 import difflib
@@ -16,9 +17,12 @@ from spoofbench.errors import ConversionError
 
 _PI_180 = Fraction(1, 180)  # times pi
 
-# By dimension: the ending of the schema's fields, then units with what one of them is in the schema's unit.
-# A pair (factor, power of pi); a third member is the unit's zero point in its own unit.
-_TABLE: dict[str, tuple[str, dict[str, tuple[Fraction | int, int] | tuple[Fraction | int, int, Fraction]]]] = {
+# By dimension: the ending of the schema's fields, then units with what one of them is in the
+# schema's unit. A pair (factor, power of pi); a third member is the unit's zero point in its own
+# unit.
+_TABLE: dict[
+    str, tuple[str, dict[str, tuple[Fraction | int, int] | tuple[Fraction | int, int, Fraction]]]
+] = {
     "acceleration": (
         "_mps2",
         {
@@ -124,15 +128,26 @@ _TABLE: dict[str, tuple[str, dict[str, tuple[Fraction | int, int] | tuple[Fracti
             "day": (86400, 0),
         },
     ),
-    "frequency": ("_hz", {"Hz": (1, 0), "mHz": (Fraction(1, 1000), 0), "kHz": (1000, 0), "MHz": (10**6, 0)}),
+    "frequency": (
+        "_hz",
+        {"Hz": (1, 0), "mHz": (Fraction(1, 1000), 0), "kHz": (1000, 0), "MHz": (10**6, 0)},
+    ),
     "carrier-to-noise density": ("_dbhz", {"dBHz": (1, 0)}),
     "level": ("_db", {"dB": (1, 0)}),
     "phase": ("_cycles", {"cycle": (1, 0)}),
     "clock drift": (
         "_sps",
-        {"s/s": (1, 0), "ns/s": (Fraction(1, 10**9), 0), "ppm": (Fraction(1, 10**6), 0), "ppb": (Fraction(1, 10**9), 0)},
+        {
+            "s/s": (1, 0),
+            "ns/s": (Fraction(1, 10**9), 0),
+            "ppm": (Fraction(1, 10**6), 0),
+            "ppb": (Fraction(1, 10**9), 0),
+        },
     ),
-    "position variance": ("_m2", {"m2": (1, 0), "cm2": (Fraction(1, 10**4), 0), "mm2": (Fraction(1, 10**6), 0)}),
+    "position variance": (
+        "_m2",
+        {"m2": (1, 0), "cm2": (Fraction(1, 10**4), 0), "mm2": (Fraction(1, 10**6), 0)},
+    ),
     "velocity variance": ("_m2ps2", {"m2/s2": (1, 0)}),
     "pure number": ("", {"1": (1, 0), "%": (Fraction(1, 100), 0)}),
 }
@@ -153,7 +168,10 @@ _ALIASES = {
 UNITS = tuple(name for _, units in _TABLE.values() for name in units)
 """Every unit's name."""
 
-_SUFFIXES = sorted(((suffix, dimension) for dimension, (suffix, _) in _TABLE.items() if suffix), key=lambda pair: -len(pair[0]))
+_SUFFIXES = sorted(
+    ((suffix, dimension) for dimension, (suffix, _) in _TABLE.items() if suffix),
+    key=lambda pair: -len(pair[0]),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,10 +193,14 @@ class Unit:
         with np.errstate(over="ignore"):
             if self.pi:
                 return np.asarray(shifted * (float(self.factor) * math.pi**self.pi))
-            return np.asarray(shifted * float(self.factor.numerator) / float(self.factor.denominator))
+            return np.asarray(
+                shifted * float(self.factor.numerator) / float(self.factor.denominator)
+            )
 
     def from_schema(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return raw values that :meth:`to_schema` turns into these wherever such exist, else the nearest."""
+        """Return raw values that :meth:`to_schema` turns into these wherever such exist, else the
+        nearest.
+        """
         raw = values / (float(self.factor) * math.pi**self.pi) + float(self.zero)
         best = raw.copy()
         below, above = raw, raw
@@ -192,11 +214,14 @@ class Unit:
 
 def dimension_of(field: str) -> str:
     """Return the dimension of a schema field, as its name ends."""
-    return next((dimension for suffix, dimension in _SUFFIXES if field.endswith(suffix)), "pure number")
+    return next(
+        (dimension for suffix, dimension in _SUFFIXES if field.endswith(suffix)), "pure number"
+    )
 
 
 def unit_for(field: str, name: str | None) -> Unit:
-    """Return the unit of a column that is to fill a field; None: the field's own. A number may stand before it: ``1e-7 deg``.
+    """Return the unit of a column that is to fill a field; None: the field's own. A number may
+    stand before it: ``1e-7 deg``.
 
     Raises:
         ConversionError: there is no such unit, or it is of another dimension than the field.
@@ -207,7 +232,10 @@ def unit_for(field: str, name: str | None) -> Unit:
     unit = read_unit(name)
     if unit.dimension != dimension:
         own = ", ".join(repr(each) for each in _TABLE[dimension][1])
-        raise ConversionError(f"the unit {name!r} is of {unit.dimension}, but the field {field!r} is of {dimension}: use one of {own}")
+        raise ConversionError(
+            f"the unit {name!r} is of {unit.dimension}, but the field {field!r} is of "
+            f"{dimension}: use one of {own}"
+        )
     return unit
 
 
@@ -222,7 +250,9 @@ def read_unit(text: str) -> Unit:
     for dimension, (_, units) in _TABLE.items():
         if name in units:
             factor, pi, zero = (*units[name], Fraction(0))[:3]
-            return Unit(text, dimension, Fraction(factor) * _multiple(number, text), pi, Fraction(zero))
+            return Unit(
+                text, dimension, Fraction(factor) * _multiple(number, text), pi, Fraction(zero)
+            )
     near = difflib.get_close_matches(name, UNITS, 1, 0.5)
     hint = f"did you mean {near[0]!r}?" if near else f"units are {', '.join(UNITS)}"
     raise ConversionError(f"there is no unit {text!r}; {hint}")
@@ -235,5 +265,8 @@ def _multiple(number: str, text: str) -> Fraction:
     except ValueError:
         within = False
     if not within:
-        raise ConversionError(f"there is no unit {text!r}: what stands before a unit must be a positive number, as in '1e-7 deg'")
+        raise ConversionError(
+            f"there is no unit {text!r}: what stands before a unit must be a positive number, as "
+            "in '1e-7 deg'"
+        )
     return Fraction(number)

@@ -1,4 +1,6 @@
-"""Converter of logs of u-blox receivers: UBX frames, and NMEA sentences among them, with the options of NMEA logs."""
+"""Converter of logs of u-blox receivers: UBX frames, and NMEA sentences among them, with the
+options of NMEA logs.
+"""
 
 from collections.abc import Iterator
 from typing import Literal
@@ -17,7 +19,9 @@ UNIT: Literal["bytes"] = "bytes"
 
 
 def sniff(source: Source) -> float:
-    """Return 0.5 to 0.95, by the share of valid frames, for a source that begins with at least one UBX frame; else 0."""
+    """Return 0.5 to 0.95, by the share of valid frames, for a source that begins with at least one
+    UBX frame; else 0.
+    """
     found = beginning(source)
     return found.score() if found.ubx else 0.0
 
@@ -25,4 +29,6 @@ def sniff(source: Source) -> float:
 def convert(source: Source, options: Options) -> Iterator[Item]:
     """Yield what a log holds; see :class:`spoofbench.converting.Converter`."""
     with source.open() as stream:
-        yield from Conversion([UbxDecoder(), NmeaDecoder(options)], options).run(stream, source.path.name)
+        yield from Conversion([UbxDecoder(), NmeaDecoder(options)], options).run(
+            stream, source.path.name
+        )

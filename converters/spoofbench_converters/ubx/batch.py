@@ -12,7 +12,9 @@ from spoofbench_converters.stream.contract import ABSENT_NS, Rows
 from spoofbench_converters.ubx.frames import Held, Ints
 from spoofbench_converters.ubx.messages import MESSAGES, NUMBER
 
-_SOLUTIONS = frozenset({"NAV-PVT", "NAV-PVAT", "NAV-POSLLH", "NAV-HPPOSLLH", "NAV-POSECEF", "NAV-HPPOSECEF", "NAV-SOL"})
+_SOLUTIONS = frozenset(
+    {"NAV-PVT", "NAV-PVAT", "NAV-POSLLH", "NAV-HPPOSLLH", "NAV-POSECEF", "NAV-HPPOSECEF", "NAV-SOL"}
+)
 _UNDECIDED, _USED, _REFUSED = 0, 1, 2
 
 
@@ -35,7 +37,8 @@ class Picked(NamedTuple):
 class Batch:
     """The frames of complete epochs, which are numbered from 0.
 
-    ``conflicts`` counts solutions that differ from another of the same message in their epoch: what a second receiver gives.
+    ``conflicts`` counts solutions that differ from another of the same message in their epoch: what
+    a second receiver gives.
     """
 
     def __init__(self, held: Held, first: int, count: int) -> None:
@@ -50,10 +53,14 @@ class Batch:
     def all_of(self, name: str, layout: np.dtype[np.void] | None = None) -> Picked:
         """Return all frames of a message, in file order."""
         number = NUMBER[name]
-        return self._picked(np.flatnonzero(self.held.number == number), layout or MESSAGES[number].head)
+        return self._picked(
+            np.flatnonzero(self.held.number == number), layout or MESSAGES[number].head
+        )
 
     def one_of(self, name: str) -> Picked:
-        """Return the first frame of a message in each epoch that has one, by epoch; further ones are refused."""
+        """Return the first frame of a message in each epoch that has one, by epoch; further ones
+        are refused.
+        """
         if name not in self._once:
             self._once[name] = self._first_of(name)
         return self._once[name]
@@ -67,7 +74,9 @@ class Batch:
             repeated[first] = False
             heads = self.held.heads(rows, MESSAGES[number].head)
             if name in _SOLUTIONS:
-                self.conflicts += int(np.count_nonzero(heads[repeated] != heads[first[place[repeated]]]))
+                self.conflicts += int(
+                    np.count_nonzero(heads[repeated] != heads[first[place[repeated]]])
+                )
             self.refuse(rows[repeated], "repeated in its epoch")
             rows = rows[first]
             return Picked(rows, epochs, heads[first])
@@ -91,10 +100,14 @@ class Batch:
         if frames.size:
             self._fate[frames] = _REFUSED
             name = MESSAGES[int(self.held.number[frames[0]])].name
-            self._rejects.append(Rejects(self.held.offset[frames], self.held.used[frames], f"UBX {name}: {reason}"))
+            self._rejects.append(
+                Rejects(self.held.offset[frames], self.held.used[frames], f"UBX {name}: {reason}")
+            )
 
     def settle(self) -> tuple[Ints, list[Rejects]]:
-        """Return the bytes that gave rows, by epoch, and all rejects; what completes an epoch's rows shares their fate."""
+        """Return the bytes that gave rows, by epoch, and all rejects; what completes an epoch's
+        rows shares their fate.
+        """
         gave = np.bincount(self.epoch[self._fate == _USED], minlength=self.count) > 0
         undecided = np.flatnonzero(self._fate == _UNDECIDED)
         completing = gave[self.epoch[undecided]]
@@ -108,7 +121,14 @@ class Batch:
     def rows(self, source: str, kind: str, frames: Ints, columns: Cells, **times: Ints) -> Rows:
         """Return rows of which each came from one frame."""
         received = self.held.receive_time_ns[frames]
-        return Rows(source, kind, self.epoch[frames], columns, receive_time_ns=received if np.any(received != ABSENT_NS) else None, **times)
+        return Rows(
+            source,
+            kind,
+            self.epoch[frames],
+            columns,
+            receive_time_ns=received if np.any(received != ABSENT_NS) else None,
+            **times,
+        )
 
 
 class Fields:
@@ -131,7 +151,9 @@ class Fields:
             column[epoch] = np.where(np.isnan(column[epoch]), given, column[epoch])
 
     def fill_together(self, epoch: Ints, **values: NDArray[Any]) -> None:
-        """Fill fields that belong together from one message: only where the first named has none, and then all of them."""
+        """Fill fields that belong together from one message: only where the first named has none,
+        and then all of them.
+        """
         first = next(iter(values))
         lacking = np.isnan(self[first][epoch]) & ~np.isnan(values[first])
         for name, given in values.items():

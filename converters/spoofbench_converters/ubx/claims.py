@@ -20,10 +20,10 @@ _WEEK_MS = WEEK_NS // MS_NS
 class Claims:
     """By epoch; the first two as in ``Epochs``.
 
-    Attributes:
-        week, tow_s: GPS week and time of week, NaN where not told; the week that UTC and time of week imply, where no message tells it.
-        time_valid: whether the receiver says that its time is valid; NaN where it does not say.
-        time_ms: time of week of the navigation epoch, -1 where none.
+    Attributes: week, tow_s: GPS week and time of week, NaN where not told; the week that UTC and
+        time of week imply, where no message tells it. time_valid: whether the receiver says that
+        its time is valid; NaN where it does not say. time_ms: time of week of the navigation epoch,
+        -1 where none.
     """
 
     claimed_ns: Ints
@@ -43,8 +43,9 @@ class Clockwork:
     def read(self, batch: Batch) -> Claims:
         """Return the claims of a batch.
 
-        UTC where it is valid and fully resolved; else week and time of week, less the leap seconds last told by the receiver
-        or else announced by then; else time of week, or time of day. None where messages say that it is not valid.
+        UTC where it is valid and fully resolved; else week and time of week, less the leap seconds
+        last told by the receiver or else announced by then; else time of week, or time of day. None
+        where messages say that it is not valid.
         """
         return _Reading(batch, self).claims()
 
@@ -54,7 +55,9 @@ class _Reading:
         count = batch.count
         self.batch, self.clockwork = batch, clockwork
         self.time_ms = _times(batch)
-        self.tow_ns = np.where((self.time_ms >= 0) & (self.time_ms < _WEEK_MS), self.time_ms * MS_NS, ABSENT_NS)
+        self.tow_ns = np.where(
+            (self.time_ms >= 0) & (self.time_ms < _WEEK_MS), self.time_ms * MS_NS, ABSENT_NS
+        )
         self.utc = np.full(count, ABSENT_NS)
         self.unresolved = np.full(count, ABSENT_NS)
         self.day = np.full(count, ABSENT_NS)
@@ -95,10 +98,14 @@ class _Reading:
         head = picked.head
         flags = head["valid"] if "valid" in (head.dtype.names or ()) else head["flags"]
         tow_valid, week_valid = flags & tow_flag > 0, flags & week_flag > 0
-        self._tell(self.week, picked.epoch, np.where(week_valid & (head["week"] > 0), head["week"], -1), -1)
+        self._tell(
+            self.week, picked.epoch, np.where(week_valid & (head["week"] > 0), head["week"], -1), -1
+        )
         exact = self.tow_ns[picked.epoch] + head["fTOW"]
         self.tow_ns[picked.epoch] = np.where(
-            tow_valid & (self.tow_ns[picked.epoch] == self.time_ms[picked.epoch] * MS_NS), exact, self.tow_ns[picked.epoch]
+            tow_valid & (self.tow_ns[picked.epoch] == self.time_ms[picked.epoch] * MS_NS),
+            exact,
+            self.tow_ns[picked.epoch],
         )
         self._say(picked.epoch, tow_valid, tow_valid & week_valid)
         if "leapS" in (head.dtype.names or ()):
@@ -113,28 +120,39 @@ class _Reading:
         for name in ("RXM-RAWX", "RXM-RAW"):
             picked = self.batch.one_of(name)
             head, epoch = picked.head, picked.epoch
-            turns = np.rint((self.batch.held.time_ms[picked.frames] - self.time_ms[epoch]) / _WEEK_MS).astype(np.int64)
+            turns = np.rint(
+                (self.batch.held.time_ms[picked.frames] - self.time_ms[epoch]) / _WEEK_MS
+            ).astype(np.int64)
             self._tell(self.week, epoch, np.where(head["week"] > 0, head["week"] + turns, -1), -1)
             if name == "RXM-RAWX":
                 self._leaps(picked, "leapS", "recStat", 1)
                 alone = self.time_ms[epoch] == self.batch.held.time_ms[picked.frames]
                 within = alone & (self.time_ms[epoch] >= 0)
                 exact = np.rint(np.where(within, head["rcvTow"], 0) * 1e9).astype(np.int64)
-                self.tow_ns[epoch] = np.where(within & np.isnan(self.tow_said[epoch]), exact, self.tow_ns[epoch])
+                self.tow_ns[epoch] = np.where(
+                    within & np.isnan(self.tow_said[epoch]), exact, self.tow_ns[epoch]
+                )
 
     def _high_rate(self) -> None:
         picked = self.batch.all_of("HNR-PVT")
         epoch, first = np.unique(picked.epoch, return_index=True)
         head, time = picked.head[first], utc_ns(picked.head[first])
         after = (head["iTOW"].astype(np.int64) - self.time_ms[epoch]) * MS_NS
-        known = (head["valid"] & 3 == 3) & (time != ABSENT_NS) & (self.time_ms[epoch] >= 0) & (np.abs(after) < DAY_NS)
+        known = (
+            (head["valid"] & 3 == 3)
+            & (time != ABSENT_NS)
+            & (self.time_ms[epoch] >= 0)
+            & (np.abs(after) < DAY_NS)
+        )
         self._tell(self.utc, epoch, np.where(known, time - np.where(known, after, 0), ABSENT_NS))
 
     def _tell(self, what: Ints, epoch: Ints, values: Ints, absent: int = ABSENT_NS) -> None:
         what[epoch] = np.where(what[epoch] == absent, values, what[epoch])
 
     def _say(self, epoch: Ints, tow: NDArray[np.bool_], complete: NDArray[np.bool_] | None) -> None:
-        """Note whether any message says that the time of week is valid, and whether the first says that all of the time is."""
+        """Note whether any message says that the time of week is valid, and whether the first says
+        that all of the time is.
+        """
         self.tow_said[epoch] = np.fmax(self.tow_said[epoch], tow)
         if complete is not None:
             self.valid[epoch] = np.where(np.isnan(self.valid[epoch]), complete, self.valid[epoch])
@@ -143,7 +161,10 @@ class _Reading:
         leap = self._carried_leaps()
         tow = self.tow_ns != ABSENT_NS
         rough = np.where(self.utc != ABSENT_NS, self.utc, self.unresolved)
-        implied = week_of(np.where(tow, rough - GPS_EPOCH_NS + LEAP_SECONDS * SECOND_NS, 0), np.where(tow, self.tow_ns, 0))
+        implied = week_of(
+            np.where(tow, rough - GPS_EPOCH_NS + LEAP_SECONDS * SECOND_NS, 0),
+            np.where(tow, self.tow_ns, 0),
+        )
         week = np.where((self.week < 0) & (rough != ABSENT_NS) & tow, implied, self.week)
         trusted = tow & (np.nan_to_num(self.tow_said, nan=1.0) > 0)
         gps_ns = np.where(tow, np.maximum(week, 0) * WEEK_NS + np.where(tow, self.tow_ns, 0), 0)
@@ -158,10 +179,14 @@ class _Reading:
             chosen = (claimed == ABSENT_NS) & given
             claimed[chosen], period[chosen] = values[chosen], length
         tow_s = np.where(tow, self.tow_ns / 1e9, np.nan)
-        return Claims(claimed, period, np.where(week >= 0, week, np.nan), tow_s, self.valid, self.time_ms)
+        return Claims(
+            claimed, period, np.where(week >= 0, week, np.nan), tow_s, self.valid, self.time_ms
+        )
 
     def _carried_leaps(self) -> Ints:
-        """Return the leap seconds last told up to each epoch, -1 where none, and remember the last."""
+        """Return the leap seconds last told up to each epoch, -1 where none, and remember the
+        last.
+        """
         before = -1 if self.clockwork.leap_s is None else self.clockwork.leap_s
         places = np.maximum.accumulate(np.where(self.leap >= 0, np.arange(self.leap.size), -1))
         carried = np.where(places >= 0, self.leap[np.maximum(places, 0)], before)
@@ -171,7 +196,9 @@ class _Reading:
 
 
 def _times(batch: Batch) -> Ints:
-    """Return the time of week of each epoch in ms: of its solution, else of its raw measurement, else the second of its high rate."""
+    """Return the time of week of each epoch in ms: of its solution, else of its raw measurement,
+    else the second of its high rate.
+    """
     times = np.full(batch.count, -1)
     held = batch.held
     for role in (Role.HIGH_RATE, Role.RAW, Role.NAV):

@@ -25,8 +25,9 @@ _CONFLICTS, _CONFLICT_SHARE = 20, 0.05
 class UbxDecoder:
     """Decodes one receiver's messages.
 
-    Sources: ``gnss0``, the receiver; ``gnss1``, its second solution without inertial sensors (NAV2); ``ins0``, its integrated solution
-    at navigation epochs, ``ins1`` that between them (HNR); ``imu0``, ``imu1``, ...: ESF-MEAS of each provider and ESF-RAW, as they appear.
+    Sources: ``gnss0``, the receiver; ``gnss1``, its second solution without inertial sensors
+    (NAV2); ``ins0``, its integrated solution at navigation epochs, ``ins1`` that between them
+    (HNR); ``imu0``, ``imu1``, ...: ESF-MEAS of each provider and ESF-RAW, as they appear.
     """
 
     protocol: Literal["ubx"] = "ubx"
@@ -42,7 +43,9 @@ class UbxDecoder:
         self._sources: set[str] = set()
 
     def push(self, frames: Frames) -> Iterator[Epochs | Rejects]:
-        """Take the next piece's frames; yield what is complete, and frames that give no rows, with the reason."""
+        """Take the next piece's frames; yield what is complete, and frames that give no rows, with
+        the reason.
+        """
         accepted, rejects = accept(frames)
         yield from rejects
         accepted = replace(accepted, epoch=self._grouper.assign(accepted))
@@ -58,7 +61,8 @@ class UbxDecoder:
         yield from self._emit(self._grouper.end)
         if self._conflicts >= _CONFLICTS and self._conflicts > _CONFLICT_SHARE * self._emitted:
             raise ConversionError(
-                f"two UBX receivers are interleaved in this log: {self._conflicts} epochs have two solutions that differ; split it first"
+                f"two UBX receivers are interleaved in this log: {self._conflicts} epochs have "
+                "two solutions that differ; split it first"
             )
 
     def _emit(self, end: int) -> Iterator[Epochs | Rejects]:
@@ -102,7 +106,11 @@ class UbxDecoder:
         """Return, by source, what the messages tell of it; after :meth:`finish`."""
         told: dict[str, dict[str, str]] = {source: {} for source in sorted(self._sources)}
         for source in told:
-            told[source] |= {name: self._device.receiver[name] for name in ("device", "firmware") if name in self._device.receiver}
+            told[source] |= {
+                name: self._device.receiver[name]
+                for name in ("device", "firmware")
+                if name in self._device.receiver
+            }
         fused = self._solutions["NAV"].fused or self._device.fused
         if "gnss0" in told:
             told["gnss0"] |= self._device.receiver
@@ -114,7 +122,11 @@ class UbxDecoder:
             told["gnss1"]["solution"] = "gnss"
         for source in ("ins0", "ins1"):
             if source in told:
-                told[source] |= {"solution": "fused", **self._device.fusion, **self._device.alignment}
+                told[source] |= {
+                    "solution": "fused",
+                    **self._device.fusion,
+                    **self._device.alignment,
+                }
         for (message, number), source in self._sensors.sources.items():
             if source in told:
                 told[source] |= {

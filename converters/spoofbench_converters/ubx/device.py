@@ -9,7 +9,13 @@ import numpy as np
 from spoofbench_converters.ubx.batch import Batch
 
 _FUSION = ("initialising", "fusing", "suspended", "disabled")
-_ALIGNMENT = ("user-defined", "roll and pitch under way", "roll, pitch and yaw under way", "coarse", "fine")
+_ALIGNMENT = (
+    "user-defined",
+    "roll and pitch under way",
+    "roll, pitch and yaw under way",
+    "coarse",
+    "fine",
+)
 _CALIBRATION = ("none", "calibrating", "calibrated", "calibrated")
 _TOLD = "told in the metadata"
 _KEYS = {"MOD": "device", "FWVER": "firmware", "PROTVER": "protocol_version"}
@@ -56,15 +62,22 @@ class Device:
         if picked.frames.size:
             head = picked.head[-1]
             status = int(head["flags"]) >> 1 & 7
-            self.alignment = {f"mounting_{axis}_deg": f"{int(head[axis]) / 100:g}" for axis in ("roll", "pitch", "yaw")}
-            self.alignment["mounting_status"] = _ALIGNMENT[status] if status < len(_ALIGNMENT) else str(status)
+            self.alignment = {
+                f"mounting_{axis}_deg": f"{int(head[axis]) / 100:g}"
+                for axis in ("roll", "pitch", "yaw")
+            }
+            self.alignment["mounting_status"] = (
+                _ALIGNMENT[status] if status < len(_ALIGNMENT) else str(status)
+            )
 
     def _status(self, batch: Batch) -> None:
         picked = batch.all_of("ESF-STATUS")
         batch.refuse(picked.frames, _TOLD)
         if not picked.frames.size:
             return
-        for mode, count in zip(*np.unique(picked.head["fusionMode"], return_counts=True), strict=True):
+        for mode, count in zip(
+            *np.unique(picked.head["fusionMode"], return_counts=True), strict=True
+        ):
             self._modes[_FUSION[mode] if mode < len(_FUSION) else str(mode)] += int(count)
         blocks, place = batch.blocks("ESF-STATUS", picked)
         sensors = [
@@ -75,7 +88,10 @@ class Device:
             }
             for one in blocks[place == picked.frames.size - 1]
         ]
-        self.fusion = {"fusion_reports": json.dumps(dict(sorted(self._modes.items()))), "fusion_sensors": json.dumps(sensors)}
+        self.fusion = {
+            "fusion_reports": json.dumps(dict(sorted(self._modes.items()))),
+            "fusion_sensors": json.dumps(sensors),
+        }
 
 
 def _text(raw: bytes) -> str:

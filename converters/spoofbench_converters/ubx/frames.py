@@ -1,4 +1,6 @@
-"""Frames on their way to rows: taken in, held until their epoch is complete, read as structured arrays."""
+"""Frames on their way to rows: taken in, held until their epoch is complete, read as structured
+arrays.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
@@ -9,15 +11,28 @@ from numpy.typing import NDArray
 
 from spoofbench.converting import Rejects
 from spoofbench_converters.stream.contract import Frames
-from spoofbench_converters.ubx.messages import FRAME_OVERHEAD, MESSAGES, NUMBER, NUMBER_OF_KEY, PAYLOAD, Message, Role, offset_in
+from spoofbench_converters.ubx.messages import (
+    FRAME_OVERHEAD,
+    MESSAGES,
+    NUMBER,
+    NUMBER_OF_KEY,
+    PAYLOAD,
+    Message,
+    Role,
+    offset_in,
+)
 from spoofbench_converters.ubx.names import name_of
 
 Ints = NDArray[np.int64]
 
 _LONGEST_FIXED = 128
 _BASE = np.array([message.head.itemsize for message in MESSAGES])
-_BLOCK = np.array([message.block.itemsize if message.block is not None else 0 for message in MESSAGES])
-_COUNT_AT = np.array([offset_in(message.head, message.count) if message.count else -1 for message in MESSAGES])
+_BLOCK = np.array(
+    [message.block.itemsize if message.block is not None else 0 for message in MESSAGES]
+)
+_COUNT_AT = np.array(
+    [offset_in(message.head, message.count) if message.count else -1 for message in MESSAGES]
+)
 _FITS = np.zeros((len(MESSAGES), _LONGEST_FIXED), bool)
 for _number, _message in enumerate(MESSAGES):
     _FITS[_number, list(_message.lengths)] = True
@@ -55,7 +70,11 @@ class Held:
 
     def take(self, rows: NDArray[Any]) -> Self:
         """Return the frames that a mask or index array selects."""
-        arrays = {field.name: getattr(self, field.name)[rows] for field in fields(self) if field.name != "octets"}
+        arrays = {
+            field.name: getattr(self, field.name)[rows]
+            for field in fields(self)
+            if field.name != "octets"
+        }
         return replace(self, **arrays)
 
     def compact(self) -> Self:
@@ -66,13 +85,16 @@ class Held:
     def join(self, later: Self) -> Self:
         """Return these frames and later ones."""
         arrays: dict[str, Any] = {
-            field.name: np.concatenate([getattr(self, field.name), getattr(later, field.name)]) for field in fields(self)
+            field.name: np.concatenate([getattr(self, field.name), getattr(later, field.name)])
+            for field in fields(self)
         }
         arrays["start"][self.start.size :] += self.octets.size
         return replace(self, **arrays)
 
     def heads(self, rows: Ints, layout: np.dtype[np.void]) -> NDArray[np.void]:
-        """Read the beginning of these frames' payloads by a layout; what a payload lacks reads 0."""
+        """Read the beginning of these frames' payloads by a layout; what a payload lacks reads
+        0.
+        """
         heads = np.zeros(rows.size, layout)
         sizes = np.minimum(self.size[rows], layout.itemsize)
         for size in np.unique(sizes).tolist():
@@ -81,11 +103,17 @@ class Held:
             raw[chosen, :size] = pieces(self.octets, self.start[rows[chosen]], size)
         return heads
 
-    def blocks(self, rows: Ints, head: int, layout: np.dtype[np.void]) -> tuple[NDArray[np.void], Ints]:
-        """Read all blocks that follow ``head`` bytes of these frames' payloads; return them and the place in ``rows`` of each."""
+    def blocks(
+        self, rows: Ints, head: int, layout: np.dtype[np.void]
+    ) -> tuple[NDArray[np.void], Ints]:
+        """Read all blocks that follow ``head`` bytes of these frames' payloads; return them and the
+        place in ``rows`` of each.
+        """
         counts = (self.size[rows] - head) // layout.itemsize
         starts = np.repeat(self.start[rows] + head, counts) + ragged(counts) * layout.itemsize
-        return pieces(self.octets, starts, layout.itemsize).view(layout)[:, 0], np.repeat(np.arange(rows.size), counts)
+        return pieces(self.octets, starts, layout.itemsize).view(layout)[:, 0], np.repeat(
+            np.arange(rows.size), counts
+        )
 
 
 def ragged(counts: Ints) -> Ints:
@@ -117,12 +145,26 @@ def accept(frames: Frames) -> tuple[Held, list[Rejects]]:
         *_reject(frames, key, known & ~polls & ~fits, "length not known"),
     ]
     nothing = np.full(starts.size, -1)
-    held = Held(octets, number, starts, size, frames.offsets(), frames.used, frames.receive_time_ns, nothing, nothing).take(fits)
+    held = Held(
+        octets,
+        number,
+        starts,
+        size,
+        frames.offsets(),
+        frames.used,
+        frames.receive_time_ns,
+        nothing,
+        nothing,
+    ).take(fits)
     return replace(held, time_ms=_times(held)), rejects
 
 
-def _length_is_known(octets: NDArray[np.uint8], start: Ints, size: Ints, number: Ints) -> NDArray[np.bool_]:
-    """Whether each payload's length is one of its message's, and agrees with the number of blocks that it tells."""
+def _length_is_known(
+    octets: NDArray[np.uint8], start: Ints, size: Ints, number: Ints
+) -> NDArray[np.bool_]:
+    """Whether each payload's length is one of its message's, and agrees with the number of blocks
+    that it tells.
+    """
     base, block = _BASE[number], _BLOCK[number]
     fixed = block == 0
     known = _FITS[number, np.minimum(size, _LONGEST_FIXED - 1)] & (size < _LONGEST_FIXED)
@@ -138,7 +180,9 @@ def _length_is_known(octets: NDArray[np.uint8], start: Ints, size: Ints, number:
 
 
 def _measurements(head: NDArray[np.uint8], size: Ints) -> NDArray[np.bool_]:
-    """ESF-MEAS tells the number of data and whether a time tag follows them; before u-blox M8 it told no number."""
+    """ESF-MEAS tells the number of data and whether a time tag follows them; before u-blox M8 it
+    told no number.
+    """
     flags = head[:, 4].astype(np.int64) | head[:, 5].astype(np.int64) << 8
     told, tagged = flags >> 11, flags >> 3 & 1
     return np.asarray((told + tagged == (size - 8) // 4) | (told == 0))
@@ -146,7 +190,9 @@ def _measurements(head: NDArray[np.uint8], size: Ints) -> NDArray[np.bool_]:
 
 def _security(head: NDArray[np.uint8], size: Ints) -> NDArray[np.bool_]:
     """SEC-SIG is 12 bytes in version 1; version 2 tells its number of blocks."""
-    return np.asarray(((head[:, 0] == 1) & (size == 12)) | ((head[:, 0] == 2) & (head[:, 3] == (size - 4) // 4)))
+    return np.asarray(
+        ((head[:, 0] == 1) & (size == 12)) | ((head[:, 0] == 2) & (head[:, 3] == (size - 4) // 4))
+    )
 
 
 def _times(held: Held) -> Ints:
@@ -173,7 +219,9 @@ def _time_of(held: Held, rows: Ints, message: Message) -> Ints:
     return np.maximum(times, -1) if message.role == Role.RAW else times
 
 
-def _reject(frames: Frames, key: Ints, refused: NDArray[np.bool_], reason: str) -> Iterator[Rejects]:
+def _reject(
+    frames: Frames, key: Ints, refused: NDArray[np.bool_], reason: str
+) -> Iterator[Rejects]:
     for one in np.unique(key[refused]).tolist():
         rows = refused & (key == one)
         yield Rejects(frames.offsets()[rows], frames.used[rows], f"UBX {name_of(one)}: {reason}")

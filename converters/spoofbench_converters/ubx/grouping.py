@@ -1,12 +1,14 @@
 """Which frames make one epoch.
 
-The messages of a navigation epoch bear its time of week, iTOW. They mostly follow one another, but may be
-repeated, missing, or come after those of the next epoch where a logger writes its buffers out of order. So
-frames of one iTOW are one epoch as long as not more than eight others have begun since.
+The messages of a navigation epoch bear its time of week, iTOW. They mostly follow one another, but
+may be repeated, missing, or come after those of the next epoch where a logger writes its buffers
+out of order. So frames of one iTOW are one epoch as long as not more than eight others have begun
+since.
 
-A raw measurement bears the receiver's own time, off by its clock's error, and comes before the solution made
-from it: it belongs to a solution that follows within 40 ms. Messages between navigation epochs (HNR) belong
-to the last epoch within 2 s, or else to their second. What bears no time belongs to the latest epoch begun.
+A raw measurement bears the receiver's own time, off by its clock's error, and comes before the
+solution made from it: it belongs to a solution that follows within 40 ms. Messages between
+navigation epochs (HNR) belong to the last epoch within 2 s, or else to their second. What bears no
+time belongs to the latest epoch begun.
 """
 
 from dataclasses import dataclass
@@ -45,7 +47,8 @@ class _Open:
 
 
 class Grouper:
-    """Numbers the epochs of frames as they come; the same frames get the same numbers however they are cut into pieces.
+    """Numbers the epochs of frames as they come; the same frames get the same numbers however they
+    are cut into pieces.
 
     A run is a stretch of frames of one time; an epoch is one run, or several.
     """
@@ -54,7 +57,9 @@ class Grouper:
         self._run = 0
         self._filled = 0  # bytes of the run under way
         self._navigation_ms = -1  # time of the last navigation message
-        self._anchor: tuple[int, bool] | None = None  # time of the last frame that told one, and whether it was raw
+        self._anchor: tuple[int, bool] | None = (
+            None  # time of the last frame that told one, and whether it was raw
+        )
         self._leading = True  # no frame has told a time yet
         self._open = [_Open(-1, True, 0, 0)]
         self._current = self._open[0]  # the epoch of the run under way
@@ -85,8 +90,12 @@ class Grouper:
         self._open = [group for group in self._open if group.first_run >= self._run - LATE_RUNS]
         return np.where(tells | (ROLES[held.number] == Role.RAW), epoch, latest)
 
-    def _anchors(self, roles: Ints, told: Ints) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Ints]:
-        """Which frames decide on their epoch, which of them are raw, and the time that they bear, in ms."""
+    def _anchors(
+        self, roles: Ints, told: Ints
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Ints]:
+        """Which frames decide on their epoch, which of them are raw, and the time that they bear,
+        in ms.
+        """
         navigation = roles == Role.NAV
         last = _latest(np.where(navigation, told, -1), navigation, self._navigation_ms)
         self._navigation_ms = int(last[-1])
@@ -95,8 +104,12 @@ class Grouper:
         high_rate = (roles == Role.HIGH_RATE) & (apart > _HIGH_RATE_MS)
         return navigation | raw | high_rate, raw, np.where(high_rate, told // 1000 * 1000, told)
 
-    def _begins(self, tells: NDArray[np.bool_], raw: NDArray[np.bool_], times: Ints) -> NDArray[np.bool_]:
-        """Which frames begin a run, because they bear another time than the one before that bore one."""
+    def _begins(
+        self, tells: NDArray[np.bool_], raw: NDArray[np.bool_], times: Ints
+    ) -> NDArray[np.bool_]:
+        """Which frames begin a run, because they bear another time than the one before that bore
+        one.
+        """
         begins = np.zeros(tells.size, bool)
         if not tells.any():
             return begins
@@ -105,7 +118,11 @@ class Grouper:
         before = np.concatenate([[before_ms], now[:-1]])
         before_is_raw = np.concatenate([[before_raw], now_raw[:-1]])
         apart = _apart(now, before)
-        same = np.where(before_is_raw, np.where(now_raw, apart <= 1, apart <= _RAW_BEFORE_MS), np.where(now_raw, False, now == before))
+        same = np.where(
+            before_is_raw,
+            np.where(now_raw, apart <= 1, apart <= _RAW_BEFORE_MS),
+            np.where(now_raw, False, now == before),
+        )
         if self._anchor is None:
             same[0] = self._leading
         begins[tells] = ~same
@@ -132,30 +149,46 @@ class Grouper:
         total = int(before[-1] + size[-1])
         self._filled = total - int(before[last[-1]]) if last.size else total + self._filled
 
-    def _epochs(self, runs: Ints, tells: NDArray[np.bool_], raw: NDArray[np.bool_], times: Ints) -> Ints:
+    def _epochs(
+        self, runs: Ints, tells: NDArray[np.bool_], raw: NDArray[np.bool_], times: Ints
+    ) -> Ints:
         """Return the epoch of each run from the one under way on."""
         count = int(runs[-1]) - self._run + 1
         telling = np.flatnonzero(tells)
         first, last = np.full(count, -1), np.full(count, -1)
         last[runs[telling] - self._run] = telling
         first[runs[telling[::-1]] - self._run] = telling[::-1]
-        begin_ms, end_ms = np.where(first >= 0, times[first], -1), np.where(last >= 0, times[last], -1)
+        begin_ms, end_ms = (
+            np.where(first >= 0, times[first], -1),
+            np.where(last >= 0, times[last], -1),
+        )
         begin_raw, end_raw = raw[first], raw[last]
         self._current.learn(int(end_ms[0]), bool(end_raw[0]))
         latest, epochs = self._latest, np.full(count, self._current.epoch)
-        fresh = begin_ms > _recent(np.append(max(group.time_ms for group in self._open), end_ms[1:])) + _RAW_AFTER_MS
+        fresh = (
+            begin_ms
+            > _recent(np.append(max(group.time_ms for group in self._open), end_ms[1:]))
+            + _RAW_AFTER_MS
+        )
         for stretch in np.split(np.arange(1, count), np.flatnonzero(fresh[2:] != fresh[1:-1]) + 1):
             if stretch.size and fresh[stretch[0]]:
                 epochs[stretch] = latest + 1 + np.arange(stretch.size)
                 latest = int(epochs[stretch[-1]])
                 self._open += [
-                    _Open(int(end_ms[place]), bool(end_raw[place]), self._run + place, int(epochs[place]))
+                    _Open(
+                        int(end_ms[place]),
+                        bool(end_raw[place]),
+                        self._run + place,
+                        int(epochs[place]),
+                    )
                     for place in stretch[-LATE_RUNS - 1 :].tolist()
                 ]
                 self._current = self._open[-1]
                 continue
             for place in stretch.tolist():
-                latest = self._join(self._run + place, int(begin_ms[place]), bool(begin_raw[place]), latest)
+                latest = self._join(
+                    self._run + place, int(begin_ms[place]), bool(begin_raw[place]), latest
+                )
                 self._current.learn(int(end_ms[place]), bool(end_raw[place]))
                 epochs[place] = self._current.epoch
         return epochs

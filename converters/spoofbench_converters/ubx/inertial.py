@@ -11,7 +11,8 @@ from spoofbench_converters.ubx.batch import Batch, Cells, Picked
 from spoofbench_converters.ubx.frames import Ints
 from spoofbench_converters.ubx.gpstime import MS_NS
 
-_FIELDS = {  # by data type; u-blox M8 receiver description (UBX-13003221), section ESF Measurement Data
+# by data type; u-blox M8 receiver description (UBX-13003221), section ESF Measurement Data
+_FIELDS = {
     5: ("gyro_z_radps", np.pi / 180 * 2**-12),
     12: ("temperature_degc", 1e-2),
     13: ("gyro_y_radps", np.pi / 180 * 2**-12),
@@ -28,9 +29,10 @@ MAX_SOURCES = 16
 _TICKS = (1 << 23) - 1  # the top bit is the direction
 
 _RAW_BITS, _RAW_TICK_NS = 24, 39_062.5
-"""The counter of ESF-RAW, which no interface description tells: SENSORTIME of the Bosch BMI160 in u-blox M8 receivers (its data sheet).
-A receiver's own was 0.3 % slow, so it counts within a message alone: from one to the next the milliseconds since start-up count, in the
-field that the descriptions reserve, if they are there."""
+"""The counter of ESF-RAW, which no interface description tells: SENSORTIME of the Bosch BMI160 in
+u-blox M8 receivers (its data sheet). A receiver's own was 0.3 % slow, so it counts within a message
+alone: from one to the next the milliseconds since start-up count, in the field that the
+descriptions reserve, if they are there."""
 
 TICK_BASIS = {
     "ESF-MEAS": "1 ms, as receivers stamp their own sensors; not documented",
@@ -65,7 +67,9 @@ def _nearest(steps: Ints, bits: int) -> Ints:
 
 
 class Sensors:
-    """Makes ``imu`` and ``odometer`` rows; numbers the sources as they appear and unwraps their counters."""
+    """Makes ``imu`` and ``odometer`` rows; numbers the sources as they appear and unwraps their
+    counters.
+    """
 
     def __init__(self) -> None:
         self.sources: dict[tuple[str, int], str] = {}
@@ -75,12 +79,16 @@ class Sensors:
     def rows(self, batch: Batch) -> list[Rows]:
         """Return the rows of a batch.
 
-        Data of one tick are one row. ESF-MEAS data are those that the receiver uses, of each provider a source; ESF-RAW data are
-        those of its inner sensor before that. Both are uncalibrated. Specific force in m/s^2, rates in rad/s.
+        Data of one tick are one row. ESF-MEAS data are those that the receiver uses, of each
+        provider a source; ESF-RAW data are those of its inner sensor before that. Both are
+        uncalibrated. Specific force in m/s^2, rates in rad/s.
         """
         measured, raw = batch.all_of("ESF-MEAS"), batch.all_of("ESF-RAW")
         self._appear(measured, raw)
-        numbered = np.isin(measured.head["id"], [number for message, number in self.sources if message == "ESF-MEAS"])
+        numbered = np.isin(
+            measured.head["id"],
+            [number for message, number in self.sources if message == "ESF-MEAS"],
+        )
         batch.refuse(measured.frames[~numbered], f"of a data provider beyond {MAX_SOURCES} sources")
         measured = measured.take(numbered)
         found = []
@@ -100,7 +108,10 @@ class Sensors:
     def _appear(self, measured: Picked, raw: Picked) -> None:
         """Number the sources that appear for the first time."""
         numbers, first = np.unique(measured.head["id"], return_index=True)
-        begins = {("ESF-MEAS", int(number)): int(measured.frames[place]) for number, place in zip(numbers, first, strict=True)}
+        begins = {
+            ("ESF-MEAS", int(number)): int(measured.frames[place])
+            for number, place in zip(numbers, first, strict=True)
+        }
         if raw.frames.size:
             begins["ESF-RAW", 0] = int(raw.frames[0])
         for key in sorted(begins, key=begins.__getitem__):
@@ -115,10 +126,14 @@ class Sensors:
         blocks, place = batch.blocks("ESF-MEAS", picked)
         ends = np.ones(place.size, bool)
         ends[:-1] = place[1:] != place[:-1]
-        data = ~(ends & (picked.head["flags"][place] & 8 > 0))  # a last word may be the time tag in the receiver's clock
+        data = ~(
+            ends & (picked.head["flags"][place] & 8 > 0)
+        )  # a last word may be the time tag in the receiver's clock
         ticks = self._counters[key].unwrap(picked.head["timeTag"].astype(np.int64)) * MS_NS
         place = place[data]
-        return _rows(batch, self.sources[key], picked.frames[place], ticks[place], blocks["data"][data])
+        return _rows(
+            batch, self.sources[key], picked.frames[place], ticks[place], blocks["data"][data]
+        )
 
     def _raw(self, batch: Batch, picked: Picked) -> "list[_Found]":
         key = "ESF-RAW", 0
@@ -144,7 +159,9 @@ class _Found:
     frames: Ints
 
 
-def _rows(batch: Batch, source: str, frames: Ints, ticks: Ints, words: NDArray[np.uint32]) -> list[_Found]:
+def _rows(
+    batch: Batch, source: str, frames: Ints, ticks: Ints, words: NDArray[np.uint32]
+) -> list[_Found]:
     """Return rows of data words: types in the upper 6 or 8 bits, signed values in the lower 24."""
     kind = (words >> 24 & 63).astype(np.int64)
     value = (words << 8).view(np.int32).astype(np.int64) >> 8
@@ -156,7 +173,14 @@ def _rows(batch: Batch, source: str, frames: Ints, ticks: Ints, words: NDArray[n
         for number, (name, scale) in _FIELDS.items():
             mine = kind[sensed] == number
             columns[name][row[mine]] = value[sensed][mine] * scale
-        found.append(_Found(batch.rows(source, "imu", frames[sensed][first], columns, tick_ns=ticks[sensed][first]), frames[sensed]))
+        found.append(
+            _Found(
+                batch.rows(
+                    source, "imu", frames[sensed][first], columns, tick_ns=ticks[sensed][first]
+                ),
+                frames[sensed],
+            )
+        )
     rolled = (kind == _SPEED) | np.isin(kind, list(_WHEELS))
     if rolled.any():
         of_wheel = np.full(64, -1, np.int32)
@@ -167,12 +191,18 @@ def _rows(batch: Batch, source: str, frames: Ints, ticks: Ints, words: NDArray[n
             "ticks": Column(np.where(speed, 0, words[rolled] & _TICKS).astype(np.int64), ~speed),
             "wheel": Column(wheel, None, _WORDS),
         }
-        found.append(_Found(batch.rows(source, "odometer", frames[rolled], columns, tick_ns=ticks[rolled]), frames[rolled]))
+        found.append(
+            _Found(
+                batch.rows(source, "odometer", frames[rolled], columns, tick_ns=ticks[rolled]),
+                frames[rolled],
+            )
+        )
     return found
 
 
 def _instants(ticks: Ints, kind: Ints) -> tuple[Ints, Ints]:
-    """Group neighbouring data of one tick into instants; return the first datum of each, and the instant of each datum.
+    """Group neighbouring data of one tick into instants; return the first datum of each, and the
+    instant of each datum.
 
     A type that comes again begins another instant.
     """

@@ -13,13 +13,18 @@ from spoofbench_converters.ubx.frames import Ints
 
 
 def merged(rows: Sequence[Rows]) -> list[Rows]:
-    """Return one :class:`Rows` per source and kind that has any, in the order of epochs; those of one epoch stay in the order given."""
+    """Return one :class:`Rows` per source and kind that has any, in the order of epochs; those of
+    one epoch stay in the order given.
+    """
     topics: dict[tuple[str, str], list[Rows]] = {}
     for one in rows:
         if not one.epoch.size:
             continue
         topics.setdefault((one.source, one.kind), []).append(one)
-    return [parts[0] if len(parts) == 1 and _in_order(parts[0].epoch) else _merge(parts) for parts in topics.values()]
+    return [
+        parts[0] if len(parts) == 1 and _in_order(parts[0].epoch) else _merge(parts)
+        for parts in topics.values()
+    ]
 
 
 def _in_order(epoch: Ints) -> bool:
@@ -45,7 +50,9 @@ def _merge(parts: Sequence[Rows]) -> Rows:
 def _times(parts: Sequence[tuple[Ints | None, int]], absent: int, order: Ints) -> Ints | None:
     if all(times is None for times, _ in parts):
         return None
-    return np.concatenate([np.full(size, absent) if times is None else times for times, size in parts])[order]
+    return np.concatenate(
+        [np.full(size, absent) if times is None else times for times, size in parts]
+    )[order]
 
 
 def _column(kind: str, name: str, parts: Sequence[Rows], order: Ints) -> Any:
@@ -56,11 +63,19 @@ def _column(kind: str, name: str, parts: Sequence[Rows], order: Ints) -> Any:
     for part in parts:
         cells, size = part.columns.get(name), part.epoch.size
         if cells is None:
-            blank = np.nan if field.category == "float" else -1 if field.category in ("text", "bytes") else 0
+            blank = (
+                np.nan
+                if field.category == "float"
+                else -1
+                if field.category in ("text", "bytes")
+                else 0
+            )
             values.append(np.full(size, blank))
             valid.append(np.zeros(size, bool))
         elif isinstance(cells, Column):
-            values.append(cells.values if cells.words is None else _recoded(cells.values, cells.words, words))
+            values.append(
+                cells.values if cells.words is None else _recoded(cells.values, cells.words, words)
+            )
             valid.append(np.ones(size, bool) if cells.valid is None else cells.valid)
         else:
             values.append(cells)

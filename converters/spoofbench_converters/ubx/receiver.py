@@ -52,8 +52,9 @@ def clock(batch: Batch, system: str, source: str) -> list[Rows]:
 def front_end(batch: Batch, source: str) -> list[Rows]:
     """Return ``gnss/rf`` rows, one per block of MON-RF, one per MON-HW in epochs without MON-RF.
 
-    The AGC count is told as a share of 8191, the jamming indicator of 255 (UBX-MON-RF, agcCnt and jamInd). Block 0 is the L1 band;
-    which band others are depends on the product, so they are named by their number.
+    The AGC count is told as a share of 8191, the jamming indicator of 255 (UBX-MON-RF, agcCnt and
+    jamInd). Block 0 is the L1 band; which band others are depends on the product, so they are named
+    by their number.
     """
     found = []
     picked = batch.all_of("MON-RF")
@@ -62,14 +63,18 @@ def front_end(batch: Batch, source: str) -> list[Rows]:
         batch.use(picked.frames)
         words = ("L1", *(str(number) for number in range(1, 256)))
         band = Column(blocks["blockId"].astype(np.int32), None, words)
-        found.append(batch.rows(source, "gnss/rf", picked.frames[place], {"band": band} | _gain(blocks)))
+        found.append(
+            batch.rows(source, "gnss/rf", picked.frames[place], {"band": band} | _gain(blocks))
+        )
     frames, head = _hardware(batch)
     told = np.isin(batch.epoch[frames], picked.epoch)
     batch.refuse(frames[told], "told by MON-RF of its epoch")
     if not told.all():
         batch.use(frames[~told])
         band = Column(np.zeros(np.count_nonzero(~told), np.int32), None, ("L1",))
-        found.append(batch.rows(source, "gnss/rf", frames[~told], {"band": band} | _gain(head[~told])))
+        found.append(
+            batch.rows(source, "gnss/rf", frames[~told], {"band": band} | _gain(head[~told]))
+        )
     return found
 
 
@@ -93,15 +98,18 @@ def _hardware(batch: Batch) -> tuple[Ints, NDArray[np.void]]:
 
 
 class Integrity:
-    """Makes ``gnss/integrity`` rows: of SEC-SIG and SEC-SIGLOG, and until a log has SEC-SIG, one per epoch of older messages.
+    """Makes ``gnss/integrity`` rows: of SEC-SIG and SEC-SIGLOG, and until a log has SEC-SIG, one
+    per epoch of older messages.
 
-    SEC-SIG tells spoofing (spoofingState: 1 none, 2 indicated, 3 affirmed) and jamming (jammingState: 1 none, 2 indicated with the fix
-    still good, 3 no reliable fix), unknown while its detection is off. Older receivers tell spoofing by NAV-STATUS (spoofDetState:
-    1 none, 2 indicated, 3 several indications) and jamming by MON-RF or MON-HW (jammingState, of which the worst band's counts);
-    receivers with SEC-SIG leave these at 0. 0 is unknown throughout.
+    SEC-SIG tells spoofing (spoofingState: 1 none, 2 indicated, 3 affirmed) and jamming
+    (jammingState: 1 none, 2 indicated with the fix still good, 3 no reliable fix), unknown while
+    its detection is off. Older receivers tell spoofing by NAV-STATUS (spoofDetState: 1 none, 2
+    indicated, 3 several indications) and jamming by MON-RF or MON-HW (jammingState, of which the
+    worst band's counts); receivers with SEC-SIG leave these at 0. 0 is unknown throughout.
 
-    ``raw`` holds, of SEC-SIG, its spoofing byte and above it its jamming byte, in version 2 the one byte of both; else flags2 of
-    NAV-STATUS and above it flags of MON-RF's block or MON-HW; of SEC-SIGLOG, detectionType and above it eventType.
+    ``raw`` holds, of SEC-SIG, its spoofing byte and above it its jamming byte, in version 2 the one
+    byte of both; else flags2 of NAV-STATUS and above it flags of MON-RF's block or MON-HW; of
+    SEC-SIGLOG, detectionType and above it eventType.
     """
 
     def __init__(self) -> None:
@@ -117,13 +125,18 @@ class Integrity:
         if security.frames.size:
             self._has_security = True
             batch.use(security.frames)
-            found.append(batch.rows(source, "gnss/integrity", security.frames, _security(security.head)))
+            found.append(
+                batch.rows(source, "gnss/integrity", security.frames, _security(security.head))
+            )
         return [*_older(batch, older, source), *found, *_events(batch, source)]
 
 
 def _security(head: NDArray[np.void]) -> Cells:
     old = head["version"] == 1
-    jam, spoof = np.where(old, head["jam"], head["both"] & 7), np.where(old, head["spoof"], head["both"] >> 3)
+    jam, spoof = (
+        np.where(old, head["jam"], head["both"] & 7),
+        np.where(old, head["spoof"], head["both"] >> 3),
+    )
     raw = np.where(old, spoof.astype(np.int64) | jam.astype(np.int64) << 8, head["both"])
     return {
         "spoofing": np.where(spoof & 1 > 0, _state(_SPOOFING, spoof >> 1 & 7), 0),
@@ -171,11 +184,16 @@ def _older(batch: Batch, wanted: NDArray[np.bool_], source: str) -> list[Rows]:
 def _events(batch: Batch, source: str) -> list[Rows]:
     """Return rows of the events in SEC-SIGLOG that began within a second of its output.
 
-    A report lists past events again and again; those that are older were either reported before or lie before the log.
+    A report lists past events again and again; those that are older were either reported before or
+    lie before the log.
     """
     picked = batch.all_of("SEC-SIGLOG")
     blocks, place = batch.blocks("SEC-SIGLOG", picked)
-    fresh = (blocks["timeElapsed"] <= 1) & (blocks["eventType"] <= _SIGLOG_STOPPED) & (blocks["detectionType"] < _SIGLOG_KINDS)
+    fresh = (
+        (blocks["timeElapsed"] <= 1)
+        & (blocks["eventType"] <= _SIGLOG_STOPPED)
+        & (blocks["detectionType"] < _SIGLOG_KINDS)
+    )
     frames = picked.frames[place[fresh]]
     batch.use(frames)
     batch.refuse(np.setdiff1d(picked.frames, frames), "no event within the last second")
@@ -184,14 +202,18 @@ def _events(batch: Batch, source: str) -> list[Rows]:
     event = blocks[fresh]
     began = event["eventType"] == _SIGLOG_STARTED
     columns: Cells = {
-        "spoofing": np.where(began, gnss_pb2.SPOOFING_STATE_INDICATED, gnss_pb2.SPOOFING_STATE_NONE),
+        "spoofing": np.where(
+            began, gnss_pb2.SPOOFING_STATE_INDICATED, gnss_pb2.SPOOFING_STATE_NONE
+        ),
         "raw": event["detectionType"].astype(np.int64) | event["eventType"].astype(np.int64) << 8,
     }
     return [batch.rows(source, "gnss/integrity", frames, columns)]
 
 
 def time_marks(batch: Batch, source: str) -> list[Rows]:
-    """Return ``gnss/timemark`` rows of TIM-TM2: the edges that are new, in its week and time of week where its time is valid."""
+    """Return ``gnss/timemark`` rows of TIM-TM2: the edges that are new, in its week and time of
+    week where its time is valid.
+    """
     picked = batch.all_of("TIM-TM2")
     flags = picked.head["flags"]
     rising, falling, valid = flags & 128 > 0, flags & 4 > 0, flags & 64 > 0
@@ -206,11 +228,15 @@ def time_marks(batch: Batch, source: str) -> list[Rows]:
         "channel": head["ch"].astype(np.int64),
         "count": head["count"].astype(np.int64),
         "acc_s": scaled(head["accEst"], 1e-9, NO_ACCURACY),
-        "time_base": Column(np.where(base < len(_TIME_BASES), base, -1).astype(np.int32), None, _TIME_BASES),
+        "time_base": Column(
+            np.where(base < len(_TIME_BASES), base, -1).astype(np.int32), None, _TIME_BASES
+        ),
     }
     for edge, letter, new in (("rising", "R", rising[keep]), ("falling", "F", falling[keep])):
         told = new & valid[keep]
-        columns[f"{edge}_week"] = Column(np.where(told, head[f"wn{letter}"], 0).astype(np.int64), told)
+        columns[f"{edge}_week"] = Column(
+            np.where(told, head[f"wn{letter}"], 0).astype(np.int64), told
+        )
         tow = head[f"towMs{letter}"].astype(np.float64) * 1e-3 + head[f"towSubMs{letter}"] * 1e-9
         columns[f"{edge}_tow_s"] = absent_where(~told, tow)
     return [batch.rows(source, "gnss/timemark", frames, columns)]

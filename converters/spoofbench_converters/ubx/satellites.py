@@ -13,11 +13,12 @@ from spoofbench_converters.ubx.numbering import GLONASS, constellation, numbered
 
 
 def signals(batch: Batch, system: str, source: str) -> list[Rows]:
-    """Return ``gnss/signal`` rows of NAV-SIG, with directions of NAV-SAT; where an epoch has no NAV-SIG of NAV-SAT, or NAV-SVINFO.
+    """Return ``gnss/signal`` rows of NAV-SIG, with directions of NAV-SAT; where an epoch has no
+    NAV-SIG of NAV-SAT, or NAV-SVINFO.
 
-    A C/N0 of 0 is that of a satellite not received: absent, as its residual. Directions are absent where the elevation
-    is out of range, which is how the receiver says that it does not know them (UBX-NAV-SAT, elev). Channels of NAV-SVINFO
-    without a satellite have number 0.
+    A C/N0 of 0 is that of a satellite not received: absent, as its residual. Directions are absent
+    where the elevation is out of range, which is how the receiver says that it does not know them
+    (UBX-NAV-SAT, elev). Channels of NAV-SVINFO without a satellite have number 0.
     """
     names = ("SIG", "SAT", "SVINFO") if system == "NAV" else ("SIG", "SAT")
     picked = {name: batch.one_of(f"{system}-{name}") for name in names}
@@ -48,15 +49,24 @@ def _signal(name: str, blocks: NDArray[np.void]) -> Cells:
     columns: Cells = {"cn0_dbhz": absent_where(silent, blocks["cno"])}
     if name == "SIG":
         columns |= numbered(blocks["gnssId"], blocks["svId"])
-        columns |= {"signal": signal_codes(blocks["gnssId"], blocks["sigId"]), "used": blocks["sigFlags"] & 0b111000 > 0}
+        columns |= {
+            "signal": signal_codes(blocks["gnssId"], blocks["sigId"]),
+            "used": blocks["sigFlags"] & 0b111000 > 0,
+        }
         columns["residual_m"] = absent_where(silent, blocks["prRes"] * 0.1)
         return columns
     if name == "SAT":
         columns |= numbered(blocks["gnssId"], blocks["svId"])
-        columns |= {"used": blocks["flags"] & 8 > 0, "residual_m": absent_where(silent, blocks["prRes"] * 0.1)}
+        columns |= {
+            "used": blocks["flags"] & 8 > 0,
+            "residual_m": absent_where(silent, blocks["prRes"] * 0.1),
+        }
     else:
         columns |= numbered(*constellation(blocks["svid"]))
-        columns |= {"used": blocks["flags"] & 1 > 0, "residual_m": absent_where(silent, blocks["prRes"] * 0.01)}
+        columns |= {
+            "used": blocks["flags"] & 1 > 0,
+            "residual_m": absent_where(silent, blocks["prRes"] * 0.01),
+        }
     return columns | _direction(blocks["elev"], blocks["azim"])
 
 
@@ -68,7 +78,9 @@ def _direction(elevation: NDArray[np.int8], azimuth: NDArray[np.int16]) -> Cells
     }
 
 
-def _directions(epoch: Ints, blocks: NDArray[np.void], sky_epoch: Ints, sky: NDArray[np.void]) -> Cells:
+def _directions(
+    epoch: Ints, blocks: NDArray[np.void], sky_epoch: Ints, sky: NDArray[np.void]
+) -> Cells:
     """Find each signal's satellite among those of NAV-SAT in its epoch."""
     wanted = epoch << 16 | blocks["gnssId"].astype(np.int64) << 8 | blocks["svId"]
     have = sky_epoch << 16 | sky["gnssId"].astype(np.int64) << 8 | sky["svId"]
@@ -82,7 +94,9 @@ def _directions(epoch: Ints, blocks: NDArray[np.void], sky_epoch: Ints, sky: NDA
 
 
 def observations(batch: Batch, source: str) -> list[Rows]:
-    """Return ``gnss/observation`` rows of RXM-RAWX, RXM-RAW, or, in epochs without either, RXM-MEASX."""
+    """Return ``gnss/observation`` rows of RXM-RAWX, RXM-RAW, or, in epochs without either,
+    RXM-MEASX.
+    """
     found = []
     measured = np.zeros(batch.count, bool)
     for name in ("RXM-RAWX", "RXM-RAW", "RXM-MEASX"):
@@ -95,15 +109,19 @@ def observations(batch: Batch, source: str) -> list[Rows]:
         blocks, place = batch.blocks(name, chosen)
         if blocks.size:
             read = {"RXM-RAW": _raw, "RXM-MEASX": _measx}
-            columns = read[name](blocks) if name in read else _rawx(blocks, chosen.head["version"][place])
+            columns = (
+                read[name](blocks) if name in read else _rawx(blocks, chosen.head["version"][place])
+            )
             found.append(batch.rows(source, "gnss/observation", chosen.frames[place], columns))
     return found
 
 
 def _rawx(blocks: NDArray[np.void], version: NDArray[np.uint8]) -> Cells:
-    """UBX-RXM-RAWX: standard deviations are 0.01 m and 0.002 Hz times a power of two, and steps of 0.004 cycles, 15 of which mean none.
+    """UBX-RXM-RAWX: standard deviations are 0.01 m and 0.002 Hz times a power of two, and steps of
+    0.004 cycles, 15 of which mean none.
 
-    Version 0, of u-blox M8, has no signal number: its receivers have the first signal only. Lock time stops at 64.5 s.
+    Version 0, of u-blox M8, has no signal number: its receivers have the first signal only. Lock
+    time stops at 64.5 s.
     """
     gnss, status = blocks["gnssId"], blocks["trkStat"]
     ranged, tracked = status & 1 > 0, status & 2 > 0
@@ -124,7 +142,9 @@ def _rawx(blocks: NDArray[np.void], version: NDArray[np.uint8]) -> Cells:
 
 
 def _raw(blocks: NDArray[np.void]) -> Cells:
-    """UBX-RXM-RAW, GPS L1 of timing receivers before u-blox M8: mesQI from 4 on range and Doppler are good, from 5 on the carrier too."""
+    """UBX-RXM-RAW, GPS L1 of timing receivers before u-blox M8: mesQI from 4 on range and Doppler
+    are good, from 5 on the carrier too.
+    """
     gnss, number = constellation(blocks["sv"])
     good, locked = blocks["mesQI"] >= 4, blocks["mesQI"] >= 5
     return numbered(gnss, number) | {
@@ -137,7 +157,9 @@ def _raw(blocks: NDArray[np.void]) -> Cells:
 
 
 def _measx(blocks: NDArray[np.void]) -> Cells:
-    """UBX-RXM-MEASX: Doppler in steps of 0.2 Hz; its code phases are no pseudoranges, for they lack the whole milliseconds."""
+    """UBX-RXM-MEASX: Doppler in steps of 0.2 Hz; its code phases are no pseudoranges, for they lack
+    the whole milliseconds.
+    """
     return numbered(blocks["gnssId"], blocks["svId"]) | {
         "doppler_hz": blocks["dopplerHz"] * 0.2,
         "cn0_dbhz": absent_where(blocks["cNo"] == 0, blocks["cNo"]),
@@ -145,9 +167,11 @@ def _measx(blocks: NDArray[np.void]) -> Cells:
 
 
 def navigation_data(batch: Batch, source: str) -> list[Rows]:
-    """Return ``gnss/navdata`` rows of RXM-SFRBX and RXM-SFRB: words of 32 bits as received, most significant byte first.
+    """Return ``gnss/navdata`` rows of RXM-SFRBX and RXM-SFRB: words of 32 bits as received, most
+    significant byte first.
 
-    A GPS word of 30 bits stands in the lower bits of its 32. RXM-SFRBX before version 2 names no signal.
+    A GPS word of 30 bits stands in the lower bits of its 32. RXM-SFRBX before version 2 names no
+    signal.
     """
     found = []
     picked = batch.all_of("RXM-SFRBX")
@@ -158,7 +182,11 @@ def navigation_data(batch: Batch, source: str) -> list[Rows]:
         gnss = picked.head["gnssId"]
         codes = signal_codes(gnss, picked.head["sigId"])
         columns = numbered(gnss, picked.head["svId"]) | {
-            "signal": Column(np.where(picked.head["version"] >= 2, codes.values, -1).astype(np.int32), None, codes.words),
+            "signal": Column(
+                np.where(picked.head["version"] >= 2, codes.values, -1).astype(np.int32),
+                None,
+                codes.words,
+            ),
             "subframe": _subframes(words, ends),
         }
         batch.use(picked.frames)

@@ -1,7 +1,8 @@
 """Navigation solutions: one ``gnss/pvt`` row per epoch, from all messages that tell of it.
 
-Where several messages tell the same, the most exact comes first: NAV-HPPOSLLH, -PVT, -PVAT, -POSLLH, then the
-earth-centred ones. NAV2 messages are the second solution of one receiver, without inertial sensors.
+Where several messages tell the same, the most exact comes first: NAV-HPPOSLLH, -PVT, -PVAT,
+-POSLLH, then the earth-centred ones. NAV2 messages are the second solution of one receiver, without
+inertial sensors.
 """
 
 import numpy as np
@@ -10,10 +11,30 @@ from numpy.typing import NDArray
 from spoofbench.recording import Column
 from spoofbench.schema.v1 import gnss_pb2
 from spoofbench_converters.stream.contract import Rows
-from spoofbench_converters.ubx.batch import NO_ACCURACY, NO_DOP, Batch, Cells, Fields, Picked, absent_where, scaled, whole
+from spoofbench_converters.ubx.batch import (
+    NO_ACCURACY,
+    NO_DOP,
+    Batch,
+    Cells,
+    Fields,
+    Picked,
+    absent_where,
+    scaled,
+    whole,
+)
 from spoofbench_converters.ubx.claims import Claims
 
-_SOLUTIONS = ("PVT", "PVAT", "HPPOSLLH", "POSLLH", "HPPOSECEF", "SOL", "POSECEF", "VELNED", "VELECEF")
+_SOLUTIONS = (
+    "PVT",
+    "PVAT",
+    "HPPOSLLH",
+    "POSLLH",
+    "HPPOSECEF",
+    "SOL",
+    "POSECEF",
+    "VELNED",
+    "VELECEF",
+)
 _PRIMARY_ONLY = frozenset({"HPPOSLLH", "HPPOSECEF", "SOL"})
 _FIX = np.array(
     [
@@ -33,15 +54,18 @@ _VELOCITY = ("vel_n_mps", "vel_e_mps", "vel_d_mps")
 
 
 def fix_type(
-    fix: NDArray[np.integer], ok: NDArray[np.bool_], differential: NDArray[np.bool_], carrier: NDArray[np.integer]
+    fix: NDArray[np.integer],
+    ok: NDArray[np.bool_],
+    differential: NDArray[np.bool_],
+    carrier: NDArray[np.integer],
 ) -> NDArray[np.float64]:
-    """Return the schema's ``FixType`` of u-blox's, as floats, NaN where it is none of the described (UBX-NAV-PVT, fixType and flags).
+    """Return the schema's ``FixType`` of u-blox's, as floats, NaN where it is none of the described
+    (UBX-NAV-PVT, fixType and flags).
 
-    Args:
-        fix: 0 none, 1 dead reckoning, 2 2D, 3 3D, 4 GNSS and dead reckoning, 5 time only.
-        ok: within the limits of accuracy and dilution that the user set; what is not is no fix.
-        differential: corrections were applied; told of 3D fixes only, for others it is the lesser fact.
-        carrier: carrier phase solution: 1 with floating ambiguities, 2 with fixed ones.
+    Args: fix: 0 none, 1 dead reckoning, 2 2D, 3 3D, 4 GNSS and dead reckoning, 5 time only. ok:
+        within the limits of accuracy and dilution that the user set; what is not is no fix.
+        differential: corrections were applied; told of 3D fixes only, for others it is the lesser
+        fact. carrier: carrier phase solution: 1 with floating ambiguities, 2 with fixed ones.
     """
     result = np.where(fix < _FIX.size, _FIX[np.minimum(fix, _FIX.size - 1)], np.nan)
     result[(fix == 3) & differential] = gnss_pb2.FIX_TYPE_DIFFERENTIAL
@@ -79,7 +103,10 @@ class Solutions:
             fields[name][nowhere] = np.nan
         epochs = np.arange(batch.count)
         fields.fill(epochs, gps_week=claims.week, tow_s=claims.tow_s)
-        columns: Cells = {name: whole(fields[name][told], _WHOLE[name]) if name in _WHOLE else fields[name][told] for name in fields}
+        columns: Cells = {
+            name: whole(fields[name][told], _WHOLE[name]) if name in _WHOLE else fields[name][told]
+            for name in fields
+        }
         valid = claims.time_valid[told]
         columns["time_valid"] = Column(valid == 1, ~np.isnan(valid))
         return [Rows(source, "gnss/pvt", epochs[told], columns)]
@@ -104,11 +131,14 @@ class Solutions:
 
 
 def llh(head: NDArray[np.void], invalid: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
-    """Return position columns of the fields lon, lat (1e-7 deg), height, hMSL (mm), with their extra digits where the message has them."""
+    """Return position columns of the fields lon, lat (1e-7 deg), height, hMSL (mm), with their
+    extra digits where the message has them.
+    """
     fine = "latHp" in (head.dtype.names or ())
     result = {}
     for name, field, unit, digits in (
-        ("lat_deg", "lat", 1e7, 1e9), ("lon_deg", "lon", 1e7, 1e9), ("height_m", "height", 1e3, 1e4), ("height_msl_m", "hMSL", 1e3, 1e4)
+        ("lat_deg", "lat", 1e7, 1e9), ("lon_deg", "lon", 1e7, 1e9),
+        ("height_m", "height", 1e3, 1e4), ("height_msl_m", "hMSL", 1e3, 1e4)
     ):  # fmt: skip
         value = head[field].astype(np.float64)
         extra = round(digits / unit)
@@ -131,17 +161,29 @@ def _geodetic(fields: Fields, picked: dict[str, Picked]) -> None:
             invalid = invalid | (head["hAcc"] == NO_ACCURACY)
         unit = 1e-4 if name == "HPPOSLLH" else 1e-3
         fields.fill_together(epoch, **llh(head, invalid))
-        fields.fill(epoch, h_acc_m=scaled(head["hAcc"], unit, NO_ACCURACY), v_acc_m=scaled(head["vAcc"], unit, NO_ACCURACY))
-    for name, unit, course in (("PVT", 1e-3, "headMot"), ("PVAT", 1e-3, "motHeading"), ("VELNED", 1e-2, "heading")):
+        fields.fill(
+            epoch,
+            h_acc_m=scaled(head["hAcc"], unit, NO_ACCURACY),
+            v_acc_m=scaled(head["vAcc"], unit, NO_ACCURACY),
+        )
+    for name, unit, course in (
+        ("PVT", 1e-3, "headMot"),
+        ("PVAT", 1e-3, "motHeading"),
+        ("VELNED", 1e-2, "heading"),
+    ):
         epoch, head = picked[name].epoch, picked[name].head
         north, east, down = (scaled(head[axis], unit) for axis in ("velN", "velE", "velD"))
         fields.fill_together(epoch, vel_n_mps=north, vel_e_mps=east, vel_d_mps=down)
-        fields.fill(epoch, speed_mps=scaled(head["gSpeed"], unit), course_deg=head[course] / 1e5 % 360)
+        fields.fill(
+            epoch, speed_mps=scaled(head["gSpeed"], unit), course_deg=head[course] / 1e5 % 360
+        )
         fields.fill(epoch, s_acc_mps=scaled(head["sAcc"], unit, NO_ACCURACY))
 
 
 def _earth_centred(fields: Fields, picked: dict[str, Picked]) -> None:
-    """Take positions in cm and velocities in cm/s, earth-centred, where no message tells them otherwise."""
+    """Take positions in cm and velocities in cm/s, earth-centred, where no message tells them
+    otherwise.
+    """
     for name in ("HPPOSECEF", "SOL", "POSECEF"):
         if name not in picked:
             continue
@@ -167,7 +209,9 @@ def _earth_centred(fields: Fields, picked: dict[str, Picked]) -> None:
         fields.fill(epoch, s_acc_mps=scaled(head["sAcc"], 1e-2, NO_ACCURACY))
 
 
-def ned(velocity: NDArray[np.float64], lat_deg: NDArray[np.float64], lon_deg: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+def ned(
+    velocity: NDArray[np.float64], lat_deg: NDArray[np.float64], lon_deg: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], ...]:
     """Turn earth-centred velocities ``(3, n)`` into north, east and down at these places."""
     lat, lon = np.radians(lat_deg), np.radians(lon_deg)
     x, y, z = velocity
@@ -190,7 +234,18 @@ def _precision(fields: Fields, batch: Batch, system: str, picked: dict[str, Pick
     for prefix, kind, unit in (("cov", "pos", "m2"), ("cov_vel", "vel", "m2ps2")):
         invalid = cov.head[f"{kind}CovValid"] == 0
         for axes in ("NN", "NE", "ND", "EE", "ED", "DD"):
-            fields.fill(cov.epoch, **{f"{prefix}_{axes.lower()}_{unit}": absent_where(invalid, cov.head[f"{kind}Cov{axes}"])})
-    times = [picked["PVT"], picked["PVAT"], *(batch.one_of(f"{system}-{name}") for name in ("TIMEGPS", "TIMEUTC", "CLOCK"))]
+            fields.fill(
+                cov.epoch,
+                **{
+                    f"{prefix}_{axes.lower()}_{unit}": absent_where(
+                        invalid, cov.head[f"{kind}Cov{axes}"]
+                    )
+                },
+            )
+    times = [
+        picked["PVT"],
+        picked["PVAT"],
+        *(batch.one_of(f"{system}-{name}") for name in ("TIMEGPS", "TIMEUTC", "CLOCK")),
+    ]
     for one in times:
         fields.fill(one.epoch, time_acc_s=scaled(one.head["tAcc"], 1e-9, NO_ACCURACY))

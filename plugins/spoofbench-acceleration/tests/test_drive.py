@@ -1,4 +1,6 @@
-"""The comparison on a real car: 43 minutes at 1 Hz, IMU at 100 Hz, receiver's stamps late by about a third of a second."""
+"""The comparison on a real car: 43 minutes at 1 Hz, IMU at 100 Hz, receiver's stamps late by about
+a third of a second.
+"""
 
 from dataclasses import replace
 from pathlib import Path

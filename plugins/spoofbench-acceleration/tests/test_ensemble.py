@@ -1,4 +1,6 @@
-"""The vectorised monitors against the detector's own statistics, the spoofers' laws, and the paper's printed minima."""
+"""The vectorised monitors against the detector's own statistics, the spoofers' laws, and the
+paper's printed minima.
+"""
 
 from itertools import pairwise
 from typing import Any
@@ -17,16 +19,22 @@ START, EPOCHS = 40, 160
 
 @st.composite
 def differences(draw: st.DrawFn) -> Array:
-    """Averaged differences of a few runs, ``(epochs, runs)``, loud enough to flag now and then, some of them missing."""
+    """Averaged differences of a few runs, ``(epochs, runs)``, loud enough to flag now and then,
+    some of them missing.
+    """
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    values = draw(st.sampled_from([0.1, 0.3, 1.0])) * np.cumsum(rng.normal(0, 0.3, (EPOCHS, 3)), axis=0)
+    values = draw(st.sampled_from([0.1, 0.3, 1.0])) * np.cumsum(
+        rng.normal(0, 0.3, (EPOCHS, 3)), axis=0
+    )
     values[rng.random(values.shape) < draw(st.sampled_from([0, 0.02]))] = np.nan
     return values
 
 
 @given(differences(), st.integers(1, 4), st.sampled_from(["simple", "multi"]))
 @settings(max_examples=60)
-def test_alerts_are_those_of_the_detector(values: Array, stride: int, executive: s.Executive) -> None:
+def test_alerts_are_those_of_the_detector(
+    values: Array, stride: int, executive: s.Executive
+) -> None:
     alerts = ensemble.flags(values, START, stride).alerts(executive)
     for run, series in enumerate(values.T):
         assert alerts[:, run].tolist() == _alerts(series, stride, executive)
@@ -34,12 +42,16 @@ def test_alerts_are_those_of_the_detector(values: Array, stride: int, executive:
 
 def _alerts(series: Array, stride: int, executive: s.Executive) -> list[bool]:
     paper = ensemble.PAPER
-    mean, variance = s.sample_statistics(series, np.zeros(series.size, np.int64), paper.samples, stride)
+    mean, variance = s.sample_statistics(
+        series, np.zeros(series.size, np.int64), paper.samples, stride
+    )
     z = s.mean_difference(mean, paper.bias_mps2, paper.sigma_mps2) / paper.z_threshold
     chi2 = s.chi_square(variance, paper.samples, paper.sigma_mps2) / paper.chi2_threshold
     time_s = np.arange(series.size - START) / RATE_HZ
     shares = (paper.flagged_share, paper.flagged_share_alone)
-    return (s.executive_margin(time_s, z[START:], chi2[START:], paper.window_s, shares, executive) > 1).tolist()
+    return (
+        s.executive_margin(time_s, z[START:], chi2[START:], paper.window_s, shares, executive) > 1
+    ).tolist()
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([8, 10]))
@@ -50,7 +62,9 @@ def test_the_average_is_the_detectors(seed: int, rate_hz: int) -> None:
     values[0] = 0.5
     ours = averaged(values, rate_hz)
     for run, series in enumerate(values.T):
-        expected, _ = s.exponential_average(np.arange(series.size) / rate_hz, series, AVERAGING_S, "span")
+        expected, _ = s.exponential_average(
+            np.arange(series.size) / rate_hz, series, AVERAGING_S, "span"
+        )
         np.testing.assert_allclose(ours[:, run], expected, rtol=1e-9, atol=1e-12)
 
 
@@ -58,14 +72,26 @@ def test_the_average_is_the_detectors(seed: int, rate_hz: int) -> None:
 def test_spoofers_on_a_ramp(delay_s: float) -> None:
     """Repeat-back lags by its delay, extrapolation not at all, and smoothing by half its window."""
     time_s = np.arange(200)[:, None] / RATE_HZ
-    lags = {"repeat": delay_s, "extrapolate": 0.0, "extrapolate & smooth": (CHOSEN.smoothing_s - 1 / RATE_HZ) / 2}
+    lags = {
+        "repeat": delay_s,
+        "extrapolate": 0.0,
+        "extrapolate & smooth": (CHOSEN.smoothing_s - 1 / RATE_HZ) / 2,
+    }
     for spoofer, lag_s in lags.items():
-        np.testing.assert_allclose(ensemble.spoofed(time_s, spoofer, delay_s)[100:], time_s[100:] - lag_s, atol=1e-9)  # type: ignore[arg-type]
+        np.testing.assert_allclose(
+            ensemble.spoofed(time_s, spoofer, delay_s)[100:], time_s[100:] - lag_s, atol=1e-9
+        )  # type: ignore[arg-type]
     assert not ensemble.spoofed(time_s, "zero", delay_s).any()
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from(["repeat", "extrapolate", "extrapolate & smooth"]), st.sampled_from([0.5, 2.0]))
-def test_a_spoofer_knows_nothing_younger_than_its_delay(seed: int, spoofer: ensemble.Spoofer, delay_s: float) -> None:
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["repeat", "extrapolate", "extrapolate & smooth"]),
+    st.sampled_from([0.5, 2.0]),
+)
+def test_a_spoofer_knows_nothing_younger_than_its_delay(
+    seed: int, spoofer: ensemble.Spoofer, delay_s: float
+) -> None:
     values = np.random.default_rng(seed).normal(0, 1, (100, 2))
     altered, known = values.copy(), 60
     altered[known:] += 1

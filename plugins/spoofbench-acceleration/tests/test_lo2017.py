@@ -30,7 +30,9 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reproduced]
 
 @pytest.fixture(scope="module")
 def found() -> lo_cells.Found:
-    return lo_cells.by_key([outcome for a in APPROACHES for outcome in outcomes(a, fly(a, SEEDS), (1, 3))])
+    return lo_cells.by_key(
+        [outcome for a in APPROACHES for outcome in outcomes(a, fly(a, SEEDS), (1, 3))]
+    )
 
 
 def test_every_printed_cell_has_a_verdict(written: tuple[Path, Reproduced]) -> None:
@@ -39,7 +41,10 @@ def test_every_printed_cell_has_a_verdict(written: tuple[Path, Reproduced]) -> N
     items = [verdict["item"] for verdict in verdicts]
     assert len(set(items)) == len(items)
     assert sum(item.startswith("Table 2, ") and item.endswith("% detected") for item in items) == 64
-    assert sum(item.startswith("Table 2, ") and item.endswith("first detection, s") for item in items) == 64
+    assert (
+        sum(item.startswith("Table 2, ") and item.endswith("first detection, s") for item in items)
+        == 64
+    )
     assert not any(v["verdict"] == "matches" for v in verdicts if v["item"].startswith("Table"))
 
 
@@ -49,28 +54,42 @@ def test_table_2_is_complete(written: tuple[Path, Reproduced]) -> None:
     assert len(keys) == len(table) == (len(CASES) + 1) * 4 * 2 * len(STRIDES)
     for row in table:
         assert row["detection_pct_lo"] <= row["detection_pct"] <= row["detection_pct_hi"]
-        assert (row["ttfd_s"] is None) == (row["detected_share"] < 0.5) or row["detected_share"] == 0.5
+        assert (row["ttfd_s"] is None) == (row["detected_share"] < 0.5) or row[
+            "detected_share"
+        ] == 0.5
 
 
 def test_pictures_are_written_as_png_and_svg(written: tuple[Path, Reproduced]) -> None:
     out, found = written
     assert len(found.pictures) == 8
-    assert all((out / f"{picture.name}{suffix}").stat().st_size > 1000 for picture in found.pictures for suffix in (".png", ".svg"))
+    assert all(
+        (out / f"{picture.name}{suffix}").stat().st_size > 1000
+        for picture in found.pictures
+        for suffix in (".png", ".svg")
+    )
 
 
 def test_absent_logs_are_named(written: tuple[Path, Reproduced]) -> None:
     assert sum("is left out" in note for note in written[1].notes) == 1 + len(lo_real.FLIGHTS)
 
 
-FAILS = {"multi: repeat 0.5 s, %": "approach 1 stays below 10 %, unless its motion is quicker than chosen"}
+FAILS = {
+    "multi: repeat 0.5 s, %": "approach 1 stays below 10 %, unless its motion is quicker than chosen"
+}
 ITEMS = [*lo_checks.printed_checks(), "nominal with lost epochs gated, %"]
 
 
 @pytest.mark.parametrize(
-    "item", [pytest.param(i, marks=pytest.mark.xfail(reason=FAILS[i], strict=True)) if i in FAILS else i for i in ITEMS]
+    "item",
+    [
+        pytest.param(i, marks=pytest.mark.xfail(reason=FAILS[i], strict=True)) if i in FAILS else i
+        for i in ITEMS
+    ],
 )
 def test_table_2_as_a_whole(item: str, found: lo_cells.Found) -> None:
-    check = next(check for check in lo_checks.simulated_checks(found, lo_cells.JUDGED) if check.item == item)
+    check = next(
+        check for check in lo_checks.simulated_checks(found, lo_cells.JUDGED) if check.item == item
+    )
     assert check.holds, f"{item}: {check}"
 
 
@@ -81,11 +100,16 @@ def test_consecutive_samples_cannot_give_the_table(found: lo_cells.Found) -> Non
 
 def test_later_samples_detect_more_of_the_repeat_back(found: lo_cells.Found) -> None:
     for approach in APPROACHES:
-        wide, narrow = (found["repeat 2 s", approach.number, "multi", convention(stride)].median_pct for stride in (3, 1))
+        wide, narrow = (
+            found["repeat 2 s", approach.number, "multi", convention(stride)].median_pct
+            for stride in (3, 1)
+        )
         assert wide > narrow + 25
 
 
-def test_the_multi_condition_monitor_alerts_wherever_the_simple_one_does(found: lo_cells.Found) -> None:
+def test_the_multi_condition_monitor_alerts_wherever_the_simple_one_does(
+    found: lo_cells.Found,
+) -> None:
     for (case, approach, monitor, way), outcome in found.items():
         if monitor == MONITORS[0]:
             multi = found[case, approach, MONITORS[1], way]
@@ -105,7 +129,9 @@ def test_velocity_has_the_speed_and_course_of_the_log(rows: list[tuple[float, fl
     with_velocity = lo_real.with_velocity(Recording({"/gnss0/gnss/pvt": pvt})).primary("gnss/pvt")
     north, east = with_velocity["vel_n_mps"], with_velocity["vel_e_mps"]
     np.testing.assert_allclose(np.hypot(north, east), speed, atol=1e-4)
-    np.testing.assert_allclose(speed * np.sin(np.radians(course) - np.arctan2(east, north)), 0, atol=1e-3)
+    np.testing.assert_allclose(
+        speed * np.sin(np.radians(course) - np.arctan2(east, north)), 0, atol=1e-3
+    )
 
 
 @pytest.mark.drive

@@ -1,4 +1,6 @@
-"""The monitor as a whole: it keeps its contract, is quiet on clean drives, alerts on spoofed ones."""
+"""The monitor as a whole: it keeps its contract, is quiet on clean drives, alerts on spoofed
+ones.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -21,7 +23,14 @@ def test_as_published(check: Any) -> None:
     check()
 
 
-@check_detector("acceleration", executive="simple", axis="along_track", pitch=True, averaging="time_constant", lag_s=0.34)
+@check_detector(
+    "acceleration",
+    executive="simple",
+    axis="along_track",
+    pitch=True,
+    averaging="time_constant",
+    lag_s=0.34,
+)
 def test_for_a_car(check: Any) -> None:
     check()
 
@@ -45,13 +54,17 @@ def test_quiet_before_the_attack_and_loud_within(executive: Any, gnss_hz: float,
 
 def test_the_multi_condition_monitor_alerts_wherever_the_simple_one_does() -> None:
     recording = spoofed_drive(1, 240.0, 10.0)
-    simple, multi = (detect(replace(CAR, executive=executive), recording) for executive in ("simple", "multi"))
+    simple, multi = (
+        detect(replace(CAR, executive=executive), recording) for executive in ("simple", "multi")
+    )
     assert np.all(multi.score[multi.available] >= simple.score[simple.available])
 
 
 def test_pitch_lifts_the_along_track_correlation() -> None:
     recording = drive(4, 240.0)
-    with_pitch, without = (_correlation(replace(CAR, pitch=pitch), recording) for pitch in (True, False))
+    with_pitch, without = (
+        _correlation(replace(CAR, pitch=pitch), recording) for pitch in (True, False)
+    )
     assert with_pitch > 0.99
     assert without < with_pitch
 
@@ -61,7 +74,9 @@ def test_a_lag_is_taken_out() -> None:
     recording = drive(5, 240.0)
     table = recording["/gnss0/gnss/pvt"]
     columns = {name: table.column(name) for name in table}
-    late = recording.replace({"/gnss0/gnss/pvt": Table("gnss/pvt", table.time_ns + 300_000_000, columns)})
+    late = recording.replace(
+        {"/gnss0/gnss/pvt": Table("gnss/pvt", table.time_ns + 300_000_000, columns)}
+    )
     right = _correlation(CAR, recording)
     assert _correlation(CAR, late) < right - 0.005
     assert _correlation(replace(CAR, lag_s=0.3), late) == pytest.approx(right, abs=1e-6)
@@ -72,23 +87,33 @@ def test_an_imu_mounted_otherwise_gives_the_same_decisions(axes: str) -> None:
     recording = spoofed_drive(6, 120.0)
     expected = detect(CAR, recording)
     turned = _remounted(recording, axes)
-    for decisions in (detect(CAR, turned), detect(replace(CAR, axes=axes), turned.with_metadata({"source/imu0": {"axes": "frd"}}))):
+    for decisions in (
+        detect(CAR, turned),
+        detect(replace(CAR, axes=axes), turned.with_metadata({"source/imu0": {"axes": "frd"}})),
+    ):
         np.testing.assert_allclose(decisions.score, expected.score, rtol=1e-9)
 
 
 def test_a_mounting_pitch_is_taken_out() -> None:
-    """An IMU tilted back by 3 deg feels half a m/s^2 forward at rest: the mean-difference test flags always."""
+    """An IMU tilted back by 3 deg feels half a m/s^2 forward at rest: the mean-difference test
+    flags always.
+    """
     recording = drive(7, 240.0)
     tilted = _tilted(recording, np.radians(3.0))
     assert _offset(CAR, tilted) == pytest.approx(9.8 * np.sin(np.radians(3)), abs=0.06)
-    assert _offset(replace(CAR, mounting_pitch_deg=3.0), tilted) == pytest.approx(_offset(CAR, recording), abs=0.01)
+    assert _offset(replace(CAR, mounting_pitch_deg=3.0), tilted) == pytest.approx(
+        _offset(CAR, recording), abs=0.01
+    )
 
 
 def test_the_gate_leaves_out_epochs_without_a_fix() -> None:
     recording = drive(8, 120.0, flaws=False)
     table = recording["/gnss0/gnss/pvt"]
     row = np.arange(len(table)) == 60
-    dropout = table.replace(fix_type=np.where(row, 1, table["fix_type"]), vel_d_mps=np.where(row, 30.0, table["vel_d_mps"]))
+    dropout = table.replace(
+        fix_type=np.where(row, 1, table["fix_type"]),
+        vel_d_mps=np.where(row, 30.0, table["vel_d_mps"]),
+    )
     broken = recording.replace({"/gnss0/gnss/pvt": dropout})
     monitor = AccelerationMonitor()
     assert not detect(monitor, broken).alert.any()
@@ -105,7 +130,9 @@ def test_an_alert_does_not_outlast_its_memory() -> None:
     recording = drive(10, 240.0, flaws=False)
     table = recording["/gnss0/gnss/pvt"]
     false = np.arange(len(table)) == 80
-    jumped = recording.replace({"/gnss0/gnss/pvt": table.replace(vel_n_mps=table["vel_n_mps"] + 30.0 * false)})
+    jumped = recording.replace(
+        {"/gnss0/gnss/pvt": table.replace(vel_n_mps=table["vel_n_mps"] + 30.0 * false)}
+    )
     for averaging in ("span", "time_constant"):
         monitor = replace(CAR, averaging=averaging)
         alerts = np.flatnonzero(detect(monitor, jumped).alert)
@@ -149,12 +176,19 @@ def _remounted(recording: Recording, axes: str) -> Recording:
     imu = recording["/imu0/imu"]
     forward_right_down = [imu[f"accel_{axis}_mps2"] for axis in "xyz"]
     places = {"f": (0, 1), "b": (0, -1), "r": (1, 1), "l": (1, -1), "d": (2, 1), "u": (2, -1)}
-    columns = {f"accel_{x}_mps2": places[letter][1] * forward_right_down[places[letter][0]] for x, letter in zip("xyz", axes, strict=True)}
-    return recording.replace({"/imu0/imu": imu.replace(**columns)}).with_metadata({"source/imu0": {"axes": axes}})
+    columns = {
+        f"accel_{x}_mps2": places[letter][1] * forward_right_down[places[letter][0]]
+        for x, letter in zip("xyz", axes, strict=True)
+    }
+    return recording.replace({"/imu0/imu": imu.replace(**columns)}).with_metadata(
+        {"source/imu0": {"axes": axes}}
+    )
 
 
 def _tilted(recording: Recording, pitch_rad: float) -> Recording:
     imu = recording["/imu0/imu"]
     x, z = imu["accel_x_mps2"], imu["accel_z_mps2"]
     cos, sin = np.cos(pitch_rad), np.sin(pitch_rad)
-    return recording.replace({"/imu0/imu": imu.replace(accel_x_mps2=x * cos - z * sin, accel_z_mps2=z * cos + x * sin)})
+    return recording.replace(
+        {"/imu0/imu": imu.replace(accel_x_mps2=x * cos - z * sin, accel_z_mps2=z * cos + x * sin)}
+    )

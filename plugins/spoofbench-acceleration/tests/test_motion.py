@@ -1,4 +1,6 @@
-"""What GNSS and the IMU say of the motion, against literal loops, rotation matrices and a circle."""
+"""What GNSS and the IMU say of the motion, against literal loops, rotation matrices and a
+circle.
+"""
 
 import math
 from typing import Any
@@ -17,31 +19,45 @@ G = 9.81
 
 
 def test_first_difference_of_velocity() -> None:
-    track = m.track_from_velocity(np.array([1.0, 0.5]), np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, -1]]))
+    track = m.track_from_velocity(
+        np.array([1.0, 0.5]), np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, -1]])
+    )
     np.testing.assert_array_equal(track.acceleration_mps2, [[np.nan] * 3, [2, 0, 0], [0, 2, -2]])
     np.testing.assert_array_equal(track.velocity_mps, [[np.nan] * 3, [1, 0, 0], [2, 0.5, -0.5]])
 
 
-@given(st.lists(st.floats(0.05, 2.0), min_size=2, max_size=20), st.floats(-3, 3), st.floats(-20, 20))
-def test_second_difference_of_position_is_exact_for_constant_acceleration(steps: list[float], a: float, v: float) -> None:
+@given(
+    st.lists(st.floats(0.05, 2.0), min_size=2, max_size=20), st.floats(-3, 3), st.floats(-20, 20)
+)
+def test_second_difference_of_position_is_exact_for_constant_acceleration(
+    steps: list[float], a: float, v: float
+) -> None:
     time_s = np.concatenate([[0.0], np.cumsum(steps)])
     position = np.outer(v * time_s + a * time_s**2 / 2, [1.0, 0.5, -0.2])
     track = m.track_from_position(np.diff(time_s), position)
     assert np.isnan(track.acceleration_mps2[:2]).all()
-    np.testing.assert_allclose(track.acceleration_mps2[2:], np.tile([a, a / 2, -a / 5], (time_s.size - 2, 1)), atol=1e-9)
+    np.testing.assert_allclose(
+        track.acceleration_mps2[2:], np.tile([a, a / 2, -a / 5], (time_s.size - 2, 1)), atol=1e-9
+    )
 
 
 def test_the_second_difference_is_the_papers_on_even_intervals() -> None:
     position = np.random.default_rng(0).normal(0, 1, (20, 3))
     track = m.track_from_position(np.full(19, 0.1), position)
     for k in range(2, 20):
-        np.testing.assert_allclose(track.acceleration_mps2[k], (position[k] - 2 * position[k - 1] + position[k - 2]) / 0.01)
+        np.testing.assert_allclose(
+            track.acceleration_mps2[k], (position[k] - 2 * position[k - 1] + position[k - 2]) / 0.01
+        )
 
 
 def test_local_position_against_an_independent_library() -> None:
     pymap3d = pytest.importorskip("pymap3d")
     rng = np.random.default_rng(1)
-    lat, lon, height = 64 + rng.normal(0, 0.005, 50), -179.9999 + rng.normal(0, 0.01, 50), 300 + rng.normal(0, 10, 50)
+    lat, lon, height = (
+        64 + rng.normal(0, 0.005, 50),
+        -179.9999 + rng.normal(0, 0.01, 50),
+        300 + rng.normal(0, 10, 50),
+    )
     lon = (lon + 180) % 360 - 180
     ours = m.local_position_m(lat, lon, height)
     theirs = np.column_stack(pymap3d.geodetic2ned(lat, lon, height, lat[0], lon[0], height[0]))
@@ -51,14 +67,26 @@ def test_local_position_against_an_independent_library() -> None:
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["forward", "up"]))
 def test_specific_force_is_that_of_the_rotated_body(seed: int, axis: str) -> None:
-    """Against scipy's rotations: NED turned by yaw, pitch, roll, as the paper's Eq (1) with R full."""
+    """Against scipy's rotations: NED turned by yaw, pitch, roll, as the paper's Eq (1) with R
+    full.
+    """
     rng = np.random.default_rng(seed)
-    roll, pitch, heading = rng.uniform(-1, 1, 30), rng.uniform(-1, 1, 30), rng.uniform(-np.pi, np.pi, 30)
+    roll, pitch, heading = (
+        rng.uniform(-1, 1, 30),
+        rng.uniform(-1, 1, 30),
+        rng.uniform(-np.pi, np.pi, 30),
+    )
     acceleration = rng.normal(0, 3, (30, 3))
     track = m.Track(np.zeros((30, 3)), acceleration)
-    body = Rotation.from_euler("ZYX", np.column_stack([heading, pitch, roll])).inv().apply(acceleration - [0, 0, G])
+    body = (
+        Rotation.from_euler("ZYX", np.column_stack([heading, pitch, roll]))
+        .inv()
+        .apply(acceleration - [0, 0, G])
+    )
     expected = body[:, 0] if axis == "forward" else -body[:, 2]
-    np.testing.assert_allclose(m.specific_force(track, (roll, pitch, heading), axis, G), expected, atol=1e-12)
+    np.testing.assert_allclose(
+        m.specific_force(track, (roll, pitch, heading), axis, G), expected, atol=1e-12
+    )
 
 
 def test_level_and_straight_the_vertical_axis_feels_gravity_and_the_up_acceleration() -> None:
@@ -69,14 +97,20 @@ def test_level_and_straight_the_vertical_axis_feels_gravity_and_the_up_accelerat
 
 @given(st.floats(0, 2 * np.pi), st.sampled_from([-1.0, 1.0]))
 def test_roll_of_a_coordinated_turn_in_every_heading(start: float, side: float) -> None:
-    """100 m/s on a circle of 2 km: atan(v^2 / (r g)) = 27 deg, to the side of the turn, also when heading north."""
+    """100 m/s on a circle of 2 km: atan(v^2 / (r g)) = 27 deg, to the side of the turn, also when
+    heading north.
+    """
     rate, time_s = side * 100.0 / 2000, np.arange(200) * 0.1
     heading = start + rate * time_s
     velocity = 100 * np.column_stack([np.cos(heading), np.sin(heading), np.zeros(200)])
     track = m.track_from_velocity(np.diff(time_s), velocity)
     roll = m.roll_rad(track, G, 1.0)
     np.testing.assert_allclose(roll[1:], side * math.atan(100**2 / 2000 / G), rtol=1e-4)
-    np.testing.assert_allclose(m.specific_force(track, (roll, np.zeros(200), heading), "up", G)[1:], math.hypot(5, G), rtol=1e-3)
+    np.testing.assert_allclose(
+        m.specific_force(track, (roll, np.zeros(200), heading), "up", G)[1:],
+        math.hypot(5, G),
+        rtol=1e-3,
+    )
 
 
 def test_pitch_and_heading_are_held_when_slow_and_unknown_before() -> None:
@@ -87,12 +121,16 @@ def test_pitch_and_heading_are_held_when_slow_and_unknown_before() -> None:
 
 
 def imu(time_s: Any, force: Any) -> Table:
-    return Table("imu", np.round(np.asarray(time_s) * 1e9).astype(np.int64), {"accel_z_mps2": force})
+    return Table(
+        "imu", np.round(np.asarray(time_s) * 1e9).astype(np.int64), {"accel_z_mps2": force}
+    )
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([8.0, 100.0]), st.floats(0, 0.6))
 def test_sensed_force_against_a_loop(seed: int, rate_hz: float, lag_s: float) -> None:
-    """The integral of a staircase: each sample holds back to the one before it, the last one on to the edge."""
+    """The integral of a staircase: each sample holds back to the one before it, the last one on to
+    the edge.
+    """
     rng = np.random.default_rng(seed)
     time_s = np.round(np.cumsum(rng.uniform(0.8, 1.2, 300) / rate_hz), 9)
     force = rng.normal(9.8, 1, 300)

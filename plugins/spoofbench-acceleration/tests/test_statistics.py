@@ -33,7 +33,11 @@ def averaged(time_s: Any, values: Any, length_s: float, averaging: str) -> list[
         if last is None or now - last > length_s:
             state = value
         else:
-            a = 2 / (length_s / (now - last) + 1) if averaging == "span" else 1 - math.exp(-(now - last) / length_s)
+            a = (
+                2 / (length_s / (now - last) + 1)
+                if averaging == "span"
+                else 1 - math.exp(-(now - last) / length_s)
+            )
             state = (1 - a) * state + a * value
         result.append(state)
         last = now
@@ -44,11 +48,15 @@ def averaged(time_s: Any, values: Any, length_s: float, averaging: str) -> list[
 def test_exponential_average(given_series: Series, averaging: Any) -> None:
     time_s, values = given_series
     average, _ = s.exponential_average(time_s, values, 5.0, averaging)
-    np.testing.assert_allclose(average, averaged(time_s, values, 5.0, averaging), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        average, averaged(time_s, values, 5.0, averaging), rtol=1e-12, atol=1e-12
+    )
 
 
 def test_the_span_gives_the_papers_static_noise() -> None:
-    """White acceleration noise of 1.198 m/s^2 from positions, averaged over 5 s at 10 Hz, is 0.028 m/s^2 as printed."""
+    """White acceleration noise of 1.198 m/s^2 from positions, averaged over 5 s at 10 Hz, is 0.028
+    m/s^2 as printed.
+    """
     position_noise = np.random.default_rng(0).normal(0, 1.198 / math.sqrt(6) * 0.1**2, 400_000)
     acceleration = np.diff(position_noise, 2) / 0.1**2
     time_s = np.arange(acceleration.size) * 0.1
@@ -71,7 +79,9 @@ def test_sample_statistics(given_series: Series, samples: int, stride: int) -> N
         else:
             centre = sum(taken) / samples
             assert mean[k] == pytest.approx(centre, abs=1e-12)
-            assert variance[k] == pytest.approx(sum((x - centre) ** 2 for x in taken) / (samples - 1), abs=1e-12)
+            assert variance[k] == pytest.approx(
+                sum((x - centre) ** 2 for x in taken) / (samples - 1), abs=1e-12
+            )
 
 
 def test_the_mean_difference_has_two_sides_and_a_bias() -> None:
@@ -111,10 +121,19 @@ def alerts(time_s: Any, z: Any, chi2: Any, window_s: float, executive: str) -> l
 
 
 @settings(deadline=None)
-@given(st.integers(2, 150), st.sampled_from([0.04, 0.1, 0.5, 1.0]), st.integers(0, 2**32 - 1), st.sampled_from(["simple", "multi"]))
-def test_the_margin_is_above_one_exactly_where_the_rule_alerts(n: int, step_s: float, seed: int, executive: Any) -> None:
+@given(
+    st.integers(2, 150),
+    st.sampled_from([0.04, 0.1, 0.5, 1.0]),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["simple", "multi"]),
+)
+def test_the_margin_is_above_one_exactly_where_the_rule_alerts(
+    n: int, step_s: float, seed: int, executive: Any
+) -> None:
     rng = np.random.default_rng(seed)
-    time_s = np.cumsum(np.where(rng.random(n) < 0.03, 4.0, step_s) + rng.uniform(-0.01, 0.01, n) * step_s)
+    time_s = np.cumsum(
+        np.where(rng.random(n) < 0.03, 4.0, step_s) + rng.uniform(-0.01, 0.01, n) * step_s
+    )
     z, chi2 = (np.where(rng.random(n) < 0.1, np.nan, rng.uniform(0, 1.15, n)) for _ in "ab")
     margin = s.executive_margin(time_s, z, chi2, 5.0, (0.06, 0.12), executive)
     assert (margin > 1).tolist() == alerts(time_s, z, chi2, 5.0, executive)
@@ -133,8 +152,12 @@ def test_scaling_the_thresholds_scales_the_margin(seed: int, factor: float) -> N
     ("rate_hz", "window_epochs", "both", "alone"),
     [(10.0, 50, 3, 6), (1.0, 5, 0, 1), (5.0, 25, 2, 3), (2.0, 10, 1, 1)],
 )
-def test_more_flags_than_this_share_of_the_window(rate_hz: float, window_epochs: int, both: int, alone: int) -> None:
-    """At 10 Hz more than 3 and 6 of 50 as in the paper; at 1 Hz one of each, or two of the chi-square test, of 5."""
+def test_more_flags_than_this_share_of_the_window(
+    rate_hz: float, window_epochs: int, both: int, alone: int
+) -> None:
+    """At 10 Hz more than 3 and 6 of 50 as in the paper; at 1 Hz one of each, or two of the
+    chi-square test, of 5.
+    """
     n = 4 * window_epochs
     time_s = np.arange(n) / rate_hz
     for flags in range(alone + 2):
@@ -151,7 +174,9 @@ def test_more_flags_than_this_share_of_the_window(rate_hz: float, window_epochs:
 
 @pytest.mark.parametrize(("executive", "first_s"), [("simple", 0.4), ("multi", 0.7)])
 def test_the_first_possible_detection(executive: Any, first_s: float) -> None:
-    """Lo et al. (2017) Table 2: no time to first detection at 10 Hz is below 0.4 s, or 0.7 s where z never flags."""
+    """Lo et al. (2017) Table 2: no time to first detection at 10 Hz is below 0.4 s, or 0.7 s where
+    z never flags.
+    """
     n, on = 200, 100
     time_s = np.arange(n) * 0.1
     flagged = np.where(np.arange(n) >= on, 5.0, 0.0)
@@ -160,7 +185,9 @@ def test_the_first_possible_detection(executive: Any, first_s: float) -> None:
     first = int(np.argmax(margin > 1))
     assert (first - on + 1) * 0.1 == pytest.approx(first_s)
     printed = {216: 99.7, 108: 99.4, 126: 99.5} if executive == "multi" else {108: 99.7, 126: 99.8}
-    assert {duration_s: round(100 * (1 - (first - on) / (10 * duration_s)), 1) for duration_s in printed} == printed
+    assert {
+        duration_s: round(100 * (1 - (first - on) / (10 * duration_s)), 1) for duration_s in printed
+    } == printed
 
 
 def test_the_thresholds_are_the_papers_probabilities() -> None:

@@ -60,19 +60,27 @@ def test_no_scaling_makes_never_alert_or_always_stop(scale: float) -> None:
 
 
 @given(st.integers(1, 100), st.integers(2, 30), st.sampled_from([0.1, 1.0, 5.0]))
-def test_periodic_alerts_for_its_length_in_every_period(rate: int, alert_s: int, step_s: float) -> None:
+def test_periodic_alerts_for_its_length_in_every_period(
+    rate: int, alert_s: int, step_s: float
+) -> None:
     hours = 2
     detector = Periodic(rate, alert_s)
     alert = detect(detector, epochs(round(hours * 3600 / step_s), step_s)).alert
     assert starts(alert) == pytest.approx(hours * rate, abs=1) or alert_s < step_s
-    assert alert.mean() == pytest.approx(rate * alert_s / 3600, abs=hours * rate * step_s / (hours * 3600) + 1e-9)
+    assert alert.mean() == pytest.approx(
+        rate * alert_s / 3600, abs=hours * rate * step_s / (hours * 3600) + 1e-9
+    )
     assert not alert[: math.floor((3600 / rate - alert_s) / step_s)].any()
 
 
 def test_random_alarms_come_at_their_rate_as_a_poisson_process() -> None:
     days, rate = 60, 6.0
     onsets = [
-        np.count_nonzero(detect(Random(rate, alert_s=1, seed=seed), epochs(3600 * 24, start=START + seed * 10**15)).alert)
+        np.count_nonzero(
+            detect(
+                Random(rate, alert_s=1, seed=seed), epochs(3600 * 24, start=START + seed * 10**15)
+            ).alert
+        )
         for seed in range(days)
     ]
     expected = 24 * rate
@@ -94,11 +102,16 @@ def test_a_random_alarm_lasts_its_length() -> None:
 
 
 @given(st.floats(0.5, 20), st.floats(0.01, 100), st.integers(-(2**70), 2**70))
-def test_scaling_the_random_score_is_scaling_the_rate(rate: float, factor: float, seed: int) -> None:
+def test_scaling_the_random_score_is_scaling_the_rate(
+    rate: float, factor: float, seed: int
+) -> None:
     if not 0 < rate * factor * 30 < 3600:
         return
     recording = epochs(500)
-    scaled, other = detect(Random(rate, seed=seed), recording).score * factor, detect(Random(rate * factor, seed=seed), recording).score
+    scaled, other = (
+        detect(Random(rate, seed=seed), recording).score * factor,
+        detect(Random(rate * factor, seed=seed), recording).score,
+    )
     np.testing.assert_allclose(scaled, other, rtol=1e-12)
 
 
@@ -106,7 +119,9 @@ def test_scaling_the_random_score_is_scaling_the_rate(rate: float, factor: float
 def test_random_knows_the_clock_alone(kept: int, offset: int) -> None:
     """Other epochs in the same seconds, fewer of them, or more: each second keeps its score."""
     whole = detect(Random(20.0, seed=3), epochs(400))
-    fewer = detect(Random(20.0, seed=3), epochs(400, start=START + offset).until(START + kept * SECOND))
+    fewer = detect(
+        Random(20.0, seed=3), epochs(400, start=START + offset).until(START + kept * SECOND)
+    )
     np.testing.assert_array_equal(fewer.score, whole.score[: fewer.score.size])
 
 
@@ -116,16 +131,23 @@ def test_seeds_give_different_alarms() -> None:
 
 
 def test_the_hash_is_the_same_on_every_machine() -> None:
-    """First outputs of splitmix64 from the states 0 and 1234567, as its authors' reference code prints them."""
+    """First outputs of splitmix64 from the states 0 and 1234567, as its authors' reference code
+    prints them.
+    """
     from spoofbench_baselines.ignorant import _mixed
 
-    assert _mixed(np.array([0, 1234567], np.uint64)).tolist() == [0xE220A8397B1DCDAF, 6457827717110365317]
+    assert _mixed(np.array([0, 1234567], np.uint64)).tolist() == [
+        0xE220A8397B1DCDAF,
+        6457827717110365317,
+    ]
 
 
 def test_the_receivers_word_is_taken_as_it_is() -> None:
     spoofing = Column(np.array([0, 1, 2, 3, 2, 1]), np.array([True, True, True, True, True, False]))
     time_ns = np.array([0, 1, 2, 3, 4, 5]) * SECOND
-    recording = Recording({"/g/gnss/integrity": Table("gnss/integrity", time_ns, {"spoofing": spoofing})})
+    recording = Recording(
+        {"/g/gnss/integrity": Table("gnss/integrity", time_ns, {"spoofing": spoofing})}
+    )
     decisions = detect(ReceiverFlag(), recording)
     assert decisions.time_ns.tolist() == time_ns.tolist()
     assert decisions.available.tolist() == [False, True, True, True, True, False]
@@ -134,7 +156,10 @@ def test_the_receivers_word_is_taken_as_it_is() -> None:
 
 def test_of_two_words_at_one_time_the_last_counts() -> None:
     table = Table("gnss/integrity", np.array([0, 0, 1]), {"spoofing": [2, 1, 2]})
-    assert detect(ReceiverFlag(), Recording({"/g/gnss/integrity": table})).alert.tolist() == [False, True]
+    assert detect(ReceiverFlag(), Recording({"/g/gnss/integrity": table})).alert.tolist() == [
+        False,
+        True,
+    ]
 
 
 def test_a_receiver_that_says_nothing_of_spoofing_is_unavailable() -> None:
@@ -148,7 +173,12 @@ def test_a_receiver_that_says_nothing_of_spoofing_is_unavailable() -> None:
 @pytest.mark.parametrize("detector", [Periodic, Random])
 @pytest.mark.parametrize(
     "parameters",
-    [{"rate_per_hour": 0.0}, {"rate_per_hour": 120.0, "alert_s": 30.0}, {"alert_s": 0.5}, {"rate_per_hour": math.nan}],
+    [
+        {"rate_per_hour": 0.0},
+        {"rate_per_hour": 120.0, "alert_s": 30.0},
+        {"alert_s": 0.5},
+        {"rate_per_hour": math.nan},
+    ],
     ids=str,
 )
 def test_refuses_alarms_that_make_no_sense(detector: Any, parameters: dict[str, float]) -> None:

@@ -10,7 +10,9 @@ def test_defaults(check: Callable[[], None]) -> None:
     check()
 
 
-@check_detector("correlation", statistic="M_acc", window_s=30, lag_s=0.3, median_filter=3, gravity="constant")
+@check_detector(
+    "correlation", statistic="M_acc", window_s=30, lag_s=0.3, median_filter=3, gravity="constant"
+)
 def test_norms_of_acceleration(check: Callable[[], None]) -> None:
     check()
 

@@ -19,17 +19,24 @@ def values(decisions: Decisions, threshold: float = 0.7) -> np.ndarray:
 
 
 def means(imu: Table, start: int, end: int) -> np.ndarray:
-    """Mean force and rate of rows in (start, end], all of one interval; NaN if they cover less than 80 %."""
+    """Mean force and rate of rows in (start, end], all of one interval; NaN if they cover less than
+    80 %.
+    """
     rows = (imu.time_ns > start) & (imu.time_ns <= end)
     if rows.sum() * 0.01 < 0.8 * (end - start) / 1e9:
         return np.full(6, np.nan)
     return np.array([imu[name][rows].mean() for name in list(imu)[:6]])
 
 
-def literal(recording: Recording, statistic: str, window: int, lag_s: float, gravity_s: float) -> list[float]:
+def literal(
+    recording: Recording, statistic: str, window: int, lag_s: float, gravity_s: float
+) -> list[float]:
     """Eq (2) to (9) epoch by epoch, gravity by low-pass, at 1 Hz without gaps."""
     pvt, imu = recording[PVT], recording[IMU]
-    time, v = pvt.time_ns.tolist(), np.stack([pvt["vel_n_mps"], pvt["vel_e_mps"], pvt["vel_d_mps"]], axis=1)
+    time, v = (
+        pvt.time_ns.tolist(),
+        np.stack([pvt["vel_n_mps"], pvt["vel_e_mps"], pvt["vel_d_mps"]], axis=1),
+    )
     gravity: np.ndarray | None = None
     pairs: list[tuple[float, float]] = []
     found = [math.nan]
@@ -40,15 +47,26 @@ def literal(recording: Recording, statistic: str, window: int, lag_s: float, gra
             gain = 1 - math.exp(-dt / gravity_s)
             gravity = mean[:3] if gravity is None else gravity + gain * (mean[:3] - gravity)
         acceleration = (v[n] - v[n - 1]) / dt
-        turn = math.remainder(math.atan2(v[n][1], v[n][0]) - math.atan2(v[n - 1][1], v[n - 1][0]), 2 * math.pi) / dt
+        turn = (
+            math.remainder(
+                math.atan2(v[n][1], v[n][0]) - math.atan2(v[n - 1][1], v[n - 1][0]), 2 * math.pi
+            )
+            / dt
+        )
         turn = 0.0 if min(math.hypot(*v[n][:2]), math.hypot(*v[n - 1][:2])) < 1 else turn
         known = np.full(3, np.nan) if gravity is None else gravity
         up = known / np.linalg.norm(known)
         pairs.append(
             {
-                "M_acc": (float(np.linalg.norm(mean[:3] - known)), float(np.linalg.norm(acceleration))),
+                "M_acc": (
+                    float(np.linalg.norm(mean[:3] - known)),
+                    float(np.linalg.norm(acceleration)),
+                ),
                 "M_ag": (float(np.linalg.norm(mean[3:])), abs(turn)),
-                "H_acc": (float(np.linalg.norm(np.cross(mean[:3], up))), math.hypot(*acceleration[:2])),
+                "H_acc": (
+                    float(np.linalg.norm(np.cross(mean[:3], up))),
+                    math.hypot(*acceleration[:2]),
+                ),
                 "H_ag": (-float(mean[3:] @ up), turn),
             }[statistic]
         )
@@ -63,23 +81,33 @@ def on_the_second(recording: Recording) -> Recording:
     table = recording[PVT]
     start = int(table.time_ns[0])
     time_ns = start + np.rint((table.time_ns - start) / 1e9).astype(np.int64) * 1_000_000_000
-    return recording.replace({PVT: Table("gnss/pvt", time_ns, {name: table.column(name) for name in table})})
+    return recording.replace(
+        {PVT: Table("gnss/pvt", time_ns, {name: table.column(name) for name in table})}
+    )
 
 
 @pytest.mark.parametrize("statistic", ["M_acc", "M_ag", "H_acc", "H_ag"])
 @pytest.mark.parametrize(("window", "lag_s", "gravity_s"), [(60, 0.0, 30.0), (20, 0.34, 8.0)])
-def test_is_the_paper_s_arithmetic(statistic: Any, window: int, lag_s: float, gravity_s: float) -> None:
+def test_is_the_paper_s_arithmetic(
+    statistic: Any, window: int, lag_s: float, gravity_s: float
+) -> None:
     recording = on_the_second(drive(4, 200.0, flaws=False))
-    found = detect(Correlation(statistic, window_s=window, lag_s=lag_s, gravity_s=gravity_s), recording)
+    found = detect(
+        Correlation(statistic, window_s=window, lag_s=lag_s, gravity_s=gravity_s), recording
+    )
     expected = literal(recording, statistic, window, lag_s, gravity_s)
     assert np.count_nonzero(found.available) > 50
     assert values(found) == pytest.approx(expected, rel=1e-9, abs=1e-9, nan_ok=True)
 
 
-@pytest.mark.parametrize(("combined", "parts"), [("M", ("M_acc", "M_ag")), ("H", ("H_acc", "H_ag"))])
+@pytest.mark.parametrize(
+    ("combined", "parts"), [("M", ("M_acc", "M_ag")), ("H", ("H_acc", "H_ag"))]
+)
 def test_combinations_are_weighted_sums(combined: Any, parts: tuple[Any, Any]) -> None:
     recording = drive(5)
-    acceleration, rate = (values(detect(Correlation(part, window_s=40), recording)) for part in parts)
+    acceleration, rate = (
+        values(detect(Correlation(part, window_s=40), recording)) for part in parts
+    )
     for alpha in (0.0, 0.3, 1.0):
         found = values(detect(Correlation(combined, alpha, window_s=40), recording))
         np.testing.assert_allclose(found, (1 - alpha) * acceleration + alpha * rate, atol=1e-12)
@@ -89,7 +117,12 @@ def test_adaptive_weighting_stays_between_its_parts_and_follows_the_dynamics() -
     recording = drive(5)
     acceleration, rate, adaptive, lean = (
         values(detect(Correlation(window_s=40, **parameters), recording))
-        for parameters in ({"alpha": 0.0}, {"alpha": 1.0}, {"adaptive": True}, {"adaptive": True, "alpha": 0.9})
+        for parameters in (
+            {"alpha": 0.0},
+            {"alpha": 1.0},
+            {"adaptive": True},
+            {"adaptive": True, "alpha": 0.9},
+        )
     )
     both = ~np.isnan(adaptive)
     weight = ((adaptive - acceleration) / (rate - acceleration))[both]
@@ -111,7 +144,10 @@ def test_how_the_sensor_is_mounted_does_not_matter(statistic: Any, gravity: Any)
     columns = {f"accel_{axis}_mps2": row for axis, row in zip("xyz", accel, strict=True)}
     columns |= {f"gyro_{axis}_radps": row for axis, row in zip("xyz", gyro, strict=True)}
     detector = Correlation(statistic, window_s=40, gravity=gravity)
-    straight, askew = detect(detector, recording), detect(detector, recording.replace({IMU: imu.replace(**columns)}))
+    straight, askew = (
+        detect(detector, recording),
+        detect(detector, recording.replace({IMU: imu.replace(**columns)})),
+    )
     assert straight.available.any()
     np.testing.assert_allclose(askew.score, straight.score, rtol=1e-6, atol=1e-6)
 
@@ -120,7 +156,9 @@ def test_a_turn_to_the_other_side_is_contradiction() -> None:
     recording = drive(7)
     table = recording[PVT]
     mirrored = recording.replace({PVT: table.replace(vel_e_mps=-table["vel_e_mps"])})
-    genuine, wrong = (values(detect(Correlation("H_ag", window_s=60), r)) for r in (recording, mirrored))
+    genuine, wrong = (
+        values(detect(Correlation("H_ag", window_s=60), r)) for r in (recording, mirrored)
+    )
     np.testing.assert_allclose(wrong, -genuine, atol=1e-12)
     assert np.nanmedian(genuine) > 0.9
 
@@ -128,8 +166,19 @@ def test_a_turn_to_the_other_side_is_contradiction() -> None:
 def test_the_lag_of_a_late_receiver_is_taken_out() -> None:
     recording = drive(8, 200.0, 5.0, flaws=False)
     table = recording[PVT]
-    late = recording.replace({PVT: Table("gnss/pvt", table.time_ns + 400_000_000, {name: table.column(name) for name in table})})
-    on_time, corrected, raw = (detect(Correlation(window_s=60, lag_s=lag), r) for lag, r in ((0.0, recording), (0.4, late), (0.0, late)))
+    late = recording.replace(
+        {
+            PVT: Table(
+                "gnss/pvt",
+                table.time_ns + 400_000_000,
+                {name: table.column(name) for name in table},
+            )
+        }
+    )
+    on_time, corrected, raw = (
+        detect(Correlation(window_s=60, lag_s=lag), r)
+        for lag, r in ((0.0, recording), (0.4, late), (0.0, late))
+    )
     np.testing.assert_allclose(corrected.score, on_time.score, rtol=1e-9)
     assert np.nanmedian(raw.score) > 1.2 * np.nanmedian(on_time.score)
 
@@ -155,7 +204,13 @@ def test_the_score_is_one_at_the_threshold() -> None:
 def test_a_parked_car_gives_nothing_to_correlate() -> None:
     recording = drive(10)
     table = recording[PVT]
-    parked = recording.replace({PVT: table.replace(**{f"vel_{axis}_mps": 0.01 * table[f"vel_{axis}_mps"] for axis in "ned"})})
+    parked = recording.replace(
+        {
+            PVT: table.replace(
+                **{f"vel_{axis}_mps": 0.01 * table[f"vel_{axis}_mps"] for axis in "ned"}
+            )
+        }
+    )
     assert not detect(Correlation("H", window_s=40), parked).available.any()
     assert detect(Correlation("H_acc", window_s=40), parked).available.any()
 
@@ -164,7 +219,13 @@ def test_long_gaps_are_no_pairs_and_too_many_of_them_no_statistic() -> None:
     recording = drive(11, 240.0)
     table = recording[PVT]
     start = table.time_ns[0]
-    sparse = recording.replace({PVT: table.take((table.time_ns < start + 120_000_000_000) | (np.arange(len(table)) % 3 == 0))})
+    sparse = recording.replace(
+        {
+            PVT: table.take(
+                (table.time_ns < start + 120_000_000_000) | (np.arange(len(table)) % 3 == 0)
+            )
+        }
+    )
     decisions = detect(Correlation(window_s=40), sparse)
     assert decisions.available[decisions.time_ns < start + 90_000_000_000].any()
     assert not decisions.available[decisions.time_ns > start + 150_000_000_000].any()

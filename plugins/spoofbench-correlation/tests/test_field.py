@@ -1,4 +1,6 @@
-"""Real logs of other vehicles, where they are beside the project: what they say of the paper's statements."""
+"""Real logs of other vehicles, where they are beside the project: what they say of the paper's
+statements.
+"""
 
 from pathlib import Path
 
@@ -10,11 +12,16 @@ from spoofbench.reproducing import Reproduced
 
 SHARED = Path(__file__).parents[3].parent / "shared" / "data"
 
-pytestmark = [pytest.mark.drive, pytest.mark.skipif(not SHARED.is_dir(), reason=f"the real logs are not there: {SHARED}")]
+pytestmark = [
+    pytest.mark.drive,
+    pytest.mark.skipif(not SHARED.is_dir(), reason=f"the real logs are not there: {SHARED}"),
+]
 
 
 @pytest.fixture(scope="module")
-def reproduced(tmp_path_factory: pytest.TempPathFactory, converted_drive: Path) -> tuple[Path, Reproduced]:
+def reproduced(
+    tmp_path_factory: pytest.TempPathFactory, converted_drive: Path
+) -> tuple[Path, Reproduced]:
     """All recordings; ``converted_drive`` skips where the drive is not installed."""
     assert converted_drive.exists()
     out = tmp_path_factory.mktemp("borio")
@@ -27,23 +34,40 @@ def test_no_log_is_left_out(reproduced: tuple[Path, Reproduced]) -> None:
     assert pq.read_table(out / "recordings.parquet").num_rows == 15
 
 
-def test_steady_cruise_is_hardest_on_m_ag_and_easiest_on_h_ag(reproduced: tuple[Path, Reproduced]) -> None:
-    rows = [row for row in pq.read_table(reproduced[0] / "dynamics.parquet").to_pylist() if row["recording"] == "phone-car"]
-    calm, lively = ({row["statistic"]: row["median"] for row in rows if row["quintile"] == number} for number in (1, 5))
+def test_steady_cruise_is_hardest_on_m_ag_and_easiest_on_h_ag(
+    reproduced: tuple[Path, Reproduced],
+) -> None:
+    rows = [
+        row
+        for row in pq.read_table(reproduced[0] / "dynamics.parquet").to_pylist()
+        if row["recording"] == "phone-car"
+    ]
+    calm, lively = (
+        {row["statistic"]: row["median"] for row in rows if row["quintile"] == number}
+        for number in (1, 5)
+    )
     fall = {statistic: lively[statistic] - calm[statistic] for statistic in calm}
     assert max(fall, key=fall.__getitem__) == "M_ag"
     assert min(fall, key=fall.__getitem__) == "H_ag"
 
 
 def test_another_run_of_the_route_does_not_agree(reproduced: tuple[Path, Reproduced]) -> None:
-    rows = [row for row in pq.read_table(reproduced[0] / "statistics.parquet").to_pylist() if row["case"] == "meacon-boston-run2"]
+    rows = [
+        row
+        for row in pq.read_table(reproduced[0] / "statistics.parquet").to_pylist()
+        if row["case"] == "meacon-boston-run2"
+    ]
     assert len(rows) == 6
     assert all(row["p99"] < 0.6 for row in rows)
 
 
 def test_thresholds_do_not_transfer(reproduced: tuple[Path, Reproduced]) -> None:
     rows = pq.read_table(reproduced[0] / "transfer.parquet").to_pylist()
-    share = {(row["fitted_on"], row["applied_to"]): row["false_alert_share"] for row in rows if row["statistic"] == "H"}
+    share = {
+        (row["fitted_on"], row["applied_to"]): row["false_alert_share"]
+        for row in rows
+        if row["statistic"] == "H"
+    }
     assert share["drive", "drive"] < 0.02
     assert share["drive", "boston"] < 0.02
     assert share["drive", "iphone-3"] > 0.9

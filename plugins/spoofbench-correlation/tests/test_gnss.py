@@ -15,13 +15,21 @@ SECOND = 1_000_000_000
 
 def epochs(north: list[float], east: list[float], **columns: object) -> Table:
     time_ns = np.arange(len(north)) * SECOND
-    return Table("gnss/pvt", time_ns, {"vel_n_mps": north, "vel_e_mps": east, "vel_d_mps": np.zeros(len(north)), **columns})
+    return Table(
+        "gnss/pvt",
+        time_ns,
+        {"vel_n_mps": north, "vel_e_mps": east, "vel_d_mps": np.zeros(len(north)), **columns},
+    )
 
 
 @given(st.floats(-10, 10), st.floats(-3.1, 3.1), st.floats(1.1, 50))
-def test_heading_rate_is_the_turn_over_the_interval(heading: float, turn: float, speed: float) -> None:
+def test_heading_rate_is_the_turn_over_the_interval(
+    heading: float, turn: float, speed: float
+) -> None:
     headings = [heading, heading + turn]
-    velocity = gnss.velocity(epochs([speed * math.cos(a) for a in headings], [speed * math.sin(a) for a in headings]))
+    velocity = gnss.velocity(
+        epochs([speed * math.cos(a) for a in headings], [speed * math.sin(a) for a in headings])
+    )
     assert gnss.heading_rate(velocity) == pytest.approx([turn], abs=1e-12)
 
 
@@ -41,19 +49,27 @@ def test_no_heading_rate_where_either_end_is_slow() -> None:
 
 def test_acceleration_is_the_difference_over_the_interval() -> None:
     table = epochs([0, 1, 5], [0, -2, -2])
-    velocity = gnss.velocity(Table("gnss/pvt", np.array([0, SECOND, 3 * SECOND]), {name: table[name] for name in table}))
+    velocity = gnss.velocity(
+        Table("gnss/pvt", np.array([0, SECOND, 3 * SECOND]), {name: table[name] for name in table})
+    )
     assert gnss.acceleration(velocity).tolist() == [[1, 2], [-2, 0], [0, 0]]
 
 
 def test_the_last_row_of_a_time_counts() -> None:
-    table = Table("gnss/pvt", np.array([0, 0, SECOND]), {"vel_n_mps": [1.0, 2, 3], "vel_e_mps": [0.0, 0, 0], "vel_d_mps": [0.0, 0, 0]})
+    table = Table(
+        "gnss/pvt",
+        np.array([0, 0, SECOND]),
+        {"vel_n_mps": [1.0, 2, 3], "vel_e_mps": [0.0, 0, 0], "vel_d_mps": [0.0, 0, 0]},
+    )
     assert gnss.velocity(table).time_ns.tolist() == [0, SECOND]
     assert gnss.velocity(table).ned_mps[0].tolist() == [2, 3]
 
 
 def test_speed_and_course_stand_in_for_a_velocity() -> None:
     table = epochs([math.nan, 7], [math.nan, 0], speed_mps=[10, 10], course_deg=[90, 90])
-    assert gnss.velocity(table).ned_mps == pytest.approx(np.array([[0, 7], [10, 0], [0, 0]]), abs=1e-12)
+    assert gnss.velocity(table).ned_mps == pytest.approx(
+        np.array([[0, 7], [10, 0], [0, 0]]), abs=1e-12
+    )
 
 
 def test_no_velocity_without_a_fix() -> None:

@@ -11,7 +11,14 @@ from spoofbench_correlation import imu
 from spoofbench.recording import Table
 
 SECOND = 1_000_000_000
-NAMES = ("accel_x_mps2", "accel_y_mps2", "accel_z_mps2", "gyro_x_radps", "gyro_y_radps", "gyro_z_radps")
+NAMES = (
+    "accel_x_mps2",
+    "accel_y_mps2",
+    "accel_z_mps2",
+    "gyro_x_radps",
+    "gyro_y_radps",
+    "gyro_z_radps",
+)
 
 
 def rows(seed: int, n: int, averaged: bool, lost: float = 0.0) -> Table:
@@ -27,13 +34,17 @@ def rows(seed: int, n: int, averaged: bool, lost: float = 0.0) -> Table:
 
 
 def literal_mean(table: Table, name: str, start: int, end: int) -> float:
-    """Sum of increments over sum of seconds of the rows in (start, end]; NaN if they stand for less than 80 %."""
+    """Sum of increments over sum of seconds of the rows in (start, end]; NaN if they stand for less
+    than 80 %.
+    """
     increments, seconds = [], []
     for k in range(len(table)):
         if start < table.time_ns[k] <= end:
             interval = table["interval_s"][k]
             if not interval > 0:
-                interval = min((table.time_ns[k] - table.time_ns[k - 1]) / 1e9, imu.GAP_S) if k else 0.0
+                interval = (
+                    min((table.time_ns[k] - table.time_ns[k - 1]) / 1e9, imu.GAP_S) if k else 0.0
+                )
             increments.append(table[name][k] * interval)
             seconds.append(interval)
     if not seconds or math.fsum(seconds) < imu.COVERAGE * (end - start) / 1e9:
@@ -42,13 +53,23 @@ def literal_mean(table: Table, name: str, start: int, end: int) -> float:
 
 
 @settings(deadline=None, max_examples=40)
-@given(st.integers(0, 2**32 - 1), st.booleans(), st.floats(0, 0.3), st.lists(st.integers(-SECOND, 5 * SECOND), min_size=2, max_size=12))
-def test_means_are_increments_over_seconds(seed: int, averaged: bool, lost: float, edges: list[int]) -> None:
+@given(
+    st.integers(0, 2**32 - 1),
+    st.booleans(),
+    st.floats(0, 0.3),
+    st.lists(st.integers(-SECOND, 5 * SECOND), min_size=2, max_size=12),
+)
+def test_means_are_increments_over_seconds(
+    seed: int, averaged: bool, lost: float, edges: list[int]
+) -> None:
     table = rows(seed, 300, averaged, lost)
     start, end = np.sort(np.array([edges[:-1], edges[1:]]), axis=0)
     found = np.concatenate(imu.interval_means(table, start, end))
     for name, row in zip(NAMES, found, strict=True):
-        expected = [literal_mean(table, name, *pair) for pair in zip(start.tolist(), end.tolist(), strict=True)]
+        expected = [
+            literal_mean(table, name, *pair)
+            for pair in zip(start.tolist(), end.tolist(), strict=True)
+        ]
         assert row == pytest.approx(expected, rel=1e-9, abs=1e-12, nan_ok=True)
 
 
@@ -61,19 +82,27 @@ def test_later_rows_change_no_bit() -> None:
 
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.booleans(), st.floats(0, 0.3))
-def test_an_unknown_value_is_a_row_that_is_not_there(seed: int, averaged: bool, share: float) -> None:
+def test_an_unknown_value_is_a_row_that_is_not_there(
+    seed: int, averaged: bool, share: float
+) -> None:
     """Each of the two sensors has its own rows, bit for bit."""
     table, edges = rows(seed, 300, averaged), np.arange(4) * SECOND * 3 // 4
     rng = np.random.default_rng(seed + 1)
     lost = {name: rng.random(len(table)) < share for name in ("accel_y_mps2", "gyro_z_radps")}
-    found = imu.interval_means(table.replace(**{n: np.where(gone, np.nan, table[n]) for n, gone in lost.items()}), edges[:-1], edges[1:])
+    found = imu.interval_means(
+        table.replace(**{n: np.where(gone, np.nan, table[n]) for n, gone in lost.items()}),
+        edges[:-1],
+        edges[1:],
+    )
     for mean, which, gone in zip(found, ("force_mps2", "rate_radps"), lost.values(), strict=True):
         expected = getattr(imu.interval_means(table.take(~gone), edges[:-1], edges[1:]), which)
         assert mean.tobytes() == expected.tobytes()
 
 
 def test_sensors_that_tick_apart_are_as_good_as_together() -> None:
-    """Accelerometer and gyroscope in turn, at 100 Hz each: all of the time is covered, and standstill is known."""
+    """Accelerometer and gyroscope in turn, at 100 Hz each: all of the time is covered, and
+    standstill is known.
+    """
     time_ns = np.arange(1, 1001) * SECOND // 200
     even = np.arange(1000) % 2 == 0
     columns = {name: np.where(even == name.startswith("accel"), 1e-3, np.nan) for name in NAMES}
@@ -87,7 +116,9 @@ def test_too_many_unknown_values_have_no_mean() -> None:
     table = rows(4, 300, averaged=True)
     values = table["accel_y_mps2"].copy()
     values[120:170] = np.nan
-    found = imu.interval_means(table.replace(accel_y_mps2=values), np.array([0, SECOND]), np.array([SECOND, 2 * SECOND]))
+    found = imu.interval_means(
+        table.replace(accel_y_mps2=values), np.array([0, SECOND]), np.array([SECOND, 2 * SECOND])
+    )
     assert np.isnan(found.force_mps2).tolist() == [[False, True]] * 3
     assert not np.isnan(found.rate_radps).any()
 
@@ -98,12 +129,19 @@ def test_one_row_per_second_is_no_mean() -> None:
     assert np.isnan(found.force_mps2).all()
 
 
-@pytest.mark.parametrize(("force", "rate", "still"), [(0.0, 0.0, 1), (1.0, 0.0, 0), (0.0, 0.05, 0), (np.nan, 0.0, np.nan)])
+@pytest.mark.parametrize(
+    ("force", "rate", "still"),
+    [(0.0, 0.0, 1), (1.0, 0.0, 0), (0.0, 0.05, 0), (np.nan, 0.0, np.nan)],
+)
 def test_standing_still(force: float, rate: float, still: float) -> None:
     """A swing of 0.5 Hz in specific force, or a steady turn, is motion; neither is standstill."""
     time_ns = np.arange(1, 1000) * SECOND // 100
     swing = force * np.sin(np.pi * time_ns / 1e9)
-    columns = {**dict.fromkeys(NAMES, np.zeros(time_ns.size)), "accel_z_mps2": -9.8 + swing, "gyro_z_radps": np.full(time_ns.size, rate)}
+    columns = {
+        **dict.fromkeys(NAMES, np.zeros(time_ns.size)),
+        "accel_z_mps2": -9.8 + swing,
+        "gyro_z_radps": np.full(time_ns.size, rate),
+    }
     found = imu.is_stationary(Table("imu", time_ns, columns), np.arange(2, 9) * SECOND, imu.Rest())
     np.testing.assert_array_equal(found, np.full(7, still))
 
@@ -113,7 +151,13 @@ def test_standing_still(force: float, rate: float, still: float) -> None:
 def test_standstill_is_the_spread_of_smoothed_force_and_the_rms_of_rate(seed: int) -> None:
     table = rows(seed, 400, averaged=True)
     for end in (SECOND * 3 // 2, 2 * SECOND, 3 * SECOND):
-        blocks = [[literal_mean(table, name, end - (k + 1) * SECOND // 5, end - k * SECOND // 5) for name in NAMES[:3]] for k in range(5)]
+        blocks = [
+            [
+                literal_mean(table, name, end - (k + 1) * SECOND // 5, end - k * SECOND // 5)
+                for name in NAMES[:3]
+            ]
+            for k in range(5)
+        ]
         spread = math.sqrt(sum(np.var([block[axis] for block in blocks]) for axis in range(3)))
         squared = table.replace(gyro_x_radps=sum(table[name] ** 2 for name in NAMES[3:]))
         rms = math.sqrt(literal_mean(squared, "gyro_x_radps", end - SECOND, end))
@@ -129,4 +173,6 @@ def test_a_running_engine_is_smoothed_away() -> None:
         **dict.fromkeys(NAMES, np.zeros(time_ns.size)),
         "accel_x_mps2": np.sin(2 * np.pi * 25 * time_ns / 1e9) + rng.normal(0, 0.1, 999),
     }
-    assert imu.is_stationary(Table("imu", time_ns, columns), np.array([5 * SECOND]), imu.Rest()).tolist() == [1]
+    assert imu.is_stationary(
+        Table("imu", time_ns, columns), np.array([5 * SECOND]), imu.Rest()
+    ).tolist() == [1]

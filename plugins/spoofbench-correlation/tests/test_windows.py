@@ -27,8 +27,16 @@ def trailing(n: int, length: int) -> np.ndarray:
 
 
 @settings(deadline=None)
-@given(st.integers(0, 2**32 - 1), st.integers(3, 1500), st.integers(2, 200), st.floats(0, 0.4), st.floats(-1e6, 1e6))
-def test_agrees_with_sums_of_each_window(seed: int, n: int, length: int, lost: float, offset: float) -> None:
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(3, 1500),
+    st.integers(2, 200),
+    st.floats(0, 0.4),
+    st.floats(-1e6, 1e6),
+)
+def test_agrees_with_sums_of_each_window(
+    seed: int, n: int, length: int, lost: float, offset: float
+) -> None:
     rng = np.random.default_rng(seed)
     x = offset + rng.normal(0, 1, (2, n))
     y = 0.7 * x + rng.normal(0, 1, (2, n)) - 3 * offset
@@ -42,7 +50,11 @@ def test_agrees_with_sums_of_each_window(seed: int, n: int, length: int, lost: f
             if kept.size < 3:
                 continue
             expected = literal(x[row, kept].tolist(), y[row, kept].tolist())
-            assert (found.coefficient[row, k], found.std_x[row, k], found.std_y[row, k]) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+            assert (
+                found.coefficient[row, k],
+                found.std_x[row, k],
+                found.std_y[row, k],
+            ) == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize("quiet", [1e-3, 1e-6])
@@ -96,11 +108,17 @@ def test_coverage_counts_the_seconds_of_valid_pairs() -> None:
     assert windows.covered_s(np.diff(epochs) / 1e9, valid, first).tolist() == [1, 2, 0, 1, 2]
 
 
-@given(hnp.arrays(float, st.tuples(st.just(2), st.integers(1, 40)), elements=st.floats(-1e6, 1e6)), st.sampled_from([1, 3, 5]))
+@given(
+    hnp.arrays(float, st.tuples(st.just(2), st.integers(1, 40)), elements=st.floats(-1e6, 1e6)),
+    st.sampled_from([1, 3, 5]),
+)
 def test_median_of_each_value_and_those_before_it(values: np.ndarray, length: int) -> None:
     found = windows.trailing_median(values, length)
     for row, column in np.ndindex(values.shape):
         if column < length - 1:
             assert np.isnan(found[row, column])
         else:
-            assert found[row, column] == sorted(values[row, column - length + 1 : column + 1])[length // 2]
+            assert (
+                found[row, column]
+                == sorted(values[row, column - length + 1 : column + 1])[length // 2]
+            )

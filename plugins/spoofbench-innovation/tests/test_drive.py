@@ -1,4 +1,6 @@
-"""The monitor on a real car: 43 minutes at 1 Hz, IMU at 100 Hz, receiver's stamps late by about a third of a second."""
+"""The monitor on a real car: 43 minutes at 1 Hz, IMU at 100 Hz, receiver's stamps late by about a
+third of a second.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +36,9 @@ def test_the_lag_matters(real_drive: Recording) -> None:
 
 
 def test_the_innovations_are_not_white(real_drive: Recording) -> None:
-    """Position errors last longer than a minute, so the covariance that covers them leaves single epochs too quiet."""
+    """Position errors last longer than a minute, so the covariance that covers them leaves single
+    epochs too quiet.
+    """
     numbers = nis.measure(real_drive, CAR, 600.0)
     assert numbers["raw"]["mean_per_measurement"]["position"] < 0.3
     assert 0.4 < numbers["raw"]["mean_per_measurement"]["velocity"] < 0.7

@@ -24,12 +24,20 @@ OFFSET = 5 * GRADES["automotive"].gyro_bias_radps
 
 def close(ours: Array, theirs: Array) -> bool:
     """Whether they are equal to 1e-9 of the largest value."""
-    return np.allclose(ours, theirs, rtol=0, atol=TOLERANCE * max(1.0, float(np.nanmax(np.abs(theirs)))), equal_nan=True)
+    return np.allclose(
+        ours,
+        theirs,
+        rtol=0,
+        atol=TOLERANCE * max(1.0, float(np.nanmax(np.abs(theirs)))),
+        equal_nan=True,
+    )
 
 
 def test_the_states_are_those_of_the_integrity_evaluation() -> None:
     names = ("POSITION", "VELOCITY", "ATTITUDE", "ACCEL_BIAS", "GYRO_BIAS")
-    assert [getattr(error_model, name) for name in names] == [getattr(integrity, name) for name in names]
+    assert [getattr(error_model, name) for name in names] == [
+        getattr(integrity, name) for name in names
+    ]
     assert integrity.INERTIAL_STATES == error_model.STATES
     level = error_model.dynamics(np.eye(3)[None], np.array([[0, 0, -9.80665]]), 3600.0)
     np.testing.assert_array_equal(level[0], integrity.inertial_dynamics(3600.0, 3600.0))
@@ -39,7 +47,9 @@ def test_the_states_are_those_of_the_integrity_evaluation() -> None:
 @settings(max_examples=30)
 def test_discretisation_against_van_loan(seed: int, duration_s: float, grade: Any) -> None:
     rng = np.random.default_rng(seed)
-    matrices = error_model.dynamics(rotations(rng.normal(0, 1, (3, 3))), rng.normal(0, 5, (3, 3)) - [0, 0, 9.8], 3600.0)
+    matrices = error_model.dynamics(
+        rotations(rng.normal(0, 1, (3, 3))), rng.normal(0, 5, (3, 3)) - [0, 0, 9.8], 3600.0
+    )
     density = error_model.driving(GRADES[grade])
     transition, process = error_model.discretised(matrices, density, np.full(3, duration_s))
     for k in range(3):
@@ -51,7 +61,9 @@ def test_discretisation_against_van_loan(seed: int, duration_s: float, grade: An
 def random_model(rng: np.random.Generator, steps: int) -> tuple[Array, Array, Array]:
     attitude = rotations(rng.normal(0, 1, (steps, 3)))
     matrices = error_model.dynamics(attitude, rng.normal(0, 2, (steps, 3)) - [0, 0, 9.8], 3600.0)
-    transition, process = error_model.discretised(matrices, error_model.driving(GRADES["automotive"]), rng.uniform(0.1, 1.5, steps))
+    transition, process = error_model.discretised(
+        matrices, error_model.driving(GRADES["automotive"]), rng.uniform(0.1, 1.5, steps)
+    )
     noise = rng.uniform(0.01, 4, (steps, 6))
     noise[rng.random((steps, 6)) < 0.2] = np.nan
     return transition, process, noise
@@ -60,7 +72,9 @@ def random_model(rng: np.random.Generator, steps: int) -> tuple[Array, Array, Ar
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40))
 @settings(max_examples=30)
 def test_blocks_against_filterpy(seed: int, steps: int) -> None:
-    """States, innovations and their covariances of the blockwise filter are those of the ordinary one, steps without rows included."""
+    """States, innovations and their covariances of the blockwise filter are those of the ordinary
+    one, steps without rows included.
+    """
     rng = np.random.default_rng(seed)
     transition, process, noise = random_model(rng, steps)
     initial = np.diag(rng.uniform(0.1, 2, 15))
@@ -82,19 +96,29 @@ def test_blocks_against_filterpy(seed: int, steps: int) -> None:
             kalman.predict(F=transition[k], Q=process[k])
             if measured.size:
                 kalman.dim_z = measured.size
-                kalman.update(values[k, measured], R=np.diag(noise[k, measured]), H=np.eye(15)[measured])
+                kalman.update(
+                    values[k, measured], R=np.diag(noise[k, measured]), H=np.eye(15)[measured]
+                )
                 assert close(result[:-15].reshape(-1, 6)[k - rows.start, measured], kalman.y)
                 assert close(found.innovation[k][np.ix_(measured, measured)], kalman.S)
         assert close(state, kalman.x)
 
 
 def test_a_recording_against_filterpy() -> None:
-    """All of a drive, with the azimuth moved at the start of each block, as one variant and as one of several."""
+    """All of a drive, with the azimuth moved at the start of each block, as one variant and as one
+    of several.
+    """
     monitor = InnovationMonitor(lag_s=0.1)
     recording = drive(3, 240.0)
     measured, found = monitor.filtered(recording)
     configuration = filtering.Settings(monitor.imu_errors, 100_000_000, monitor.restart_s)
-    trajectory = nominal(recording.primary("imu"), measured.time_ns, configuration.lag_ns, configuration.restart_s, OFFSET)
+    trajectory = nominal(
+        recording.primary("imu"),
+        measured.time_ns,
+        configuration.lag_ns,
+        configuration.restart_s,
+        OFFSET,
+    )
     (start,) = alignment.starts(measured, trajectory)
     expected, covariance = _by_filterpy(measured, trajectory, start, configuration.grade)
     assert len(expected) > 150
@@ -102,10 +126,14 @@ def test_a_recording_against_filterpy() -> None:
         rows = ~np.isnan(found.value[epoch])
         assert close(found.value[epoch, rows], innovation)
         assert close(found.covariance[epoch][np.ix_(rows, rows)], covariance[epoch])
-    assert (found.run >= 0).sum() == np.count_nonzero(measured.time_ns > measured.time_ns[start.epoch])
+    assert (found.run >= 0).sum() == np.count_nonzero(
+        measured.time_ns > measured.time_ns[start.epoch]
+    )
 
 
-def _by_filterpy(measured: Any, trajectory: Any, start: Any, grade: Grade) -> tuple[dict[int, Array], dict[int, Array]]:
+def _by_filterpy(
+    measured: Any, trajectory: Any, start: Any, grade: Grade
+) -> tuple[dict[int, Array], dict[int, Array]]:
     transition, process = error_model.model(trajectory, grade)
     motion = error_model.free_motion(trajectory, transition)
     noise = np.where(np.isnan(measured.values), np.nan, measured.variances)
@@ -118,12 +146,22 @@ def _by_filterpy(measured: Any, trajectory: Any, start: Any, grade: Grade) -> tu
     for step in range(first, start.end):
         if (step - first) % gains.BLOCK == 0:
             turn, azimuth = kalman.x[8], azimuth + kalman.x[8]
-            wander = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+            wander = np.array(
+                [[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
+            )
             kalman.x[8] = 0
             kalman.x[:9] = (kalman.x[:9].reshape(3, 3) @ wander.T).ravel()
-        to_wander = np.array([[np.cos(azimuth), np.sin(azimuth), 0], [-np.sin(azimuth), np.cos(azimuth), 0], [0, 0, 1]])
+        to_wander = np.array(
+            [
+                [np.cos(azimuth), np.sin(azimuth), 0],
+                [-np.sin(azimuth), np.cos(azimuth), 0],
+                [0, 0, 1],
+            ]
+        )
         kalman.predict(F=transition[step], Q=process[step])
-        kalman.x = kalman.x + motion[step] @ np.concatenate([[1, gravity], to_wander @ [earth, 0, down]])
+        kalman.x = kalman.x + motion[step] @ np.concatenate(
+            [[1, gravity], to_wander @ [earth, 0, down]]
+        )
         epoch = epoch_of.get(step)
         if epoch is not None and (rows := np.flatnonzero(~np.isnan(noise[epoch]))).size:
             values = (measured.values[epoch].reshape(2, 3) @ to_wander.T).ravel()
@@ -134,7 +172,9 @@ def _by_filterpy(measured: Any, trajectory: Any, start: Any, grade: Grade) -> tu
 
 
 def test_the_squared_innovations_of_the_model_itself_are_chi_square() -> None:
-    """Truth drawn from the filter's own model: each epoch's sum has its distribution, and epochs are independent."""
+    """Truth drawn from the filter's own model: each epoch's sum has its distribution, and epochs
+    are independent.
+    """
     rng = np.random.default_rng(5)
     steps, variants = 64, 400
     transition, process, noise = random_model(rng, steps)
@@ -145,7 +185,10 @@ def test_the_squared_innovations_of_the_model_itself_are_chi_square() -> None:
     truth = rng.multivariate_normal(np.zeros(15), initial, variants).T
     values = np.empty((steps, 6, variants))
     for k in range(steps):
-        truth = transition[k] @ truth + rng.multivariate_normal(np.zeros(15), process[k], variants, tol=1e-6).T
+        truth = (
+            transition[k] @ truth
+            + rng.multivariate_normal(np.zeros(15), process[k], variants, tol=1e-6).T
+        )
         values[k] = truth[:6] + np.sqrt(noise[k])[:, None] * rng.normal(0, 1, (6, variants))
     state, squared = np.zeros((15, variants)), []
     for matrix, block in zip(matrices, values.reshape(-1, gains.BLOCK * 6, variants), strict=True):
@@ -160,7 +203,9 @@ def test_the_squared_innovations_of_the_model_itself_are_chi_square() -> None:
 
 
 def test_no_covariance_depends_on_the_azimuth() -> None:
-    """A wander frame turned about the vertical gives the same normalised innovations: gains need no heading."""
+    """A wander frame turned about the vertical gives the same normalised innovations: gains need no
+    heading.
+    """
     rng = np.random.default_rng(2)
     attitude, force = rotations(rng.normal(0, 1, (30, 3))), rng.normal(0, 2, (30, 3)) - [0, 0, 9.8]
     noise = np.tile([2.0, 2.0, 5.0, 0.01, 0.01, 0.02], (30, 1))
@@ -168,7 +213,9 @@ def test_no_covariance_depends_on_the_azimuth() -> None:
     found = []
     for frame in (np.eye(3), turn):
         matrices = error_model.dynamics(frame @ attitude, force @ frame.T, 3600.0)
-        transition, process = error_model.discretised(matrices, error_model.driving(GRADES["tactical"]), np.ones(30))
+        transition, process = error_model.discretised(
+            matrices, error_model.driving(GRADES["tactical"]), np.ones(30)
+        )
         initial = np.diag(np.repeat([4.0, 1.0, 0.01, 0.01, 1e-4], 3))
         found.append(gains.recursion(initial, transition, process, noise).innovation)
     whole = np.kron(np.eye(2), turn)
@@ -182,11 +229,15 @@ def test_variants_together_are_variants_alone(variants: int) -> None:
     noise = np.where(rng.random((50, 1)) < 0.2, np.nan, np.nan_to_num(noise, nan=1.0))
     found = gains.recursion(np.eye(15), transition, process, noise)
     motion = gains.block_motion(transition, rng.normal(0, 0.01, (50, 15, 5)))
-    shared = filtering.Shared(gains.block_matrices(transition, found.gain), motion, found.innovation)
+    shared = filtering.Shared(
+        gains.block_matrices(transition, found.gain), motion, found.innovation
+    )
     values = np.where(np.isnan(noise)[:, :, None], np.nan, rng.normal(0, 3, (50, 6, variants)))
     state = rng.normal(0, 0.1, (15, variants))
     constants = (9.8, 5e-5, -5e-5)
     together = filtering.run_filter(shared, values, state, 0.3, constants)
     for n in range(variants):
-        alone = filtering.run_filter(shared, values[:, :, n : n + 1], state[:, n : n + 1], 0.3, constants)
+        alone = filtering.run_filter(
+            shared, values[:, :, n : n + 1], state[:, n : n + 1], 0.3, constants
+        )
         assert close(together[:, :, n], alone[:, :, 0])

@@ -1,4 +1,6 @@
-"""The detector as a whole: it keeps its contract, is quiet on clean drives, alerts on spoofed ones."""
+"""The detector as a whole: it keeps its contract, is quiet on clean drives, alerts on spoofed
+ones.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -48,11 +50,19 @@ def test_quiet_before_the_attack_and_loud_within(statistic: Any, gnss_hz: float,
 
 
 def test_a_lag_is_taken_out() -> None:
-    """A receiver whose stamps are late by 0.3 s is foreseen as well as one that is in time, if the lag is known."""
+    """A receiver whose stamps are late by 0.3 s is foreseen as well as one that is in time, if the
+    lag is known.
+    """
     recording = drive(5, 240.0)
     table = recording["/gnss0/gnss/pvt"]
     late = recording.replace(
-        {"/gnss0/gnss/pvt": Table("gnss/pvt", table.time_ns + 300_000_000, {name: table.column(name) for name in table})}
+        {
+            "/gnss0/gnss/pvt": Table(
+                "gnss/pvt",
+                table.time_ns + 300_000_000,
+                {name: table.column(name) for name in table},
+            )
+        }
     )
     right = _mean(MONITOR, recording)
     assert _mean(replace(MONITOR, lag_s=0.3), late) == pytest.approx(right, rel=1e-6)
@@ -66,7 +76,9 @@ def test_the_mounting_does_not_matter() -> None:
     columns = {}
     for sensor, unit in (("accel", "mps2"), ("gyro", "radps")):
         turned = turn @ np.stack([imu[f"{sensor}_{axis}_{unit}"] for axis in "xyz"])
-        columns |= {f"{sensor}_{axis}_{unit}": values for axis, values in zip("xyz", turned, strict=True)}
+        columns |= {
+            f"{sensor}_{axis}_{unit}": values for axis, values in zip("xyz", turned, strict=True)
+        }
     expected = detect(MONITOR, recording)
     score = detect(MONITOR, recording.replace({"/imu0/imu": imu.replace(**columns)})).score
     np.testing.assert_allclose(score, expected.score, rtol=1e-5)
@@ -102,7 +114,10 @@ def test_an_alert_does_not_outlast_its_memory(statistic: Any) -> None:
     recording = drive(10, 900.0, flaws=False)
     table = recording["/gnss0/gnss/pvt"]
     off = (np.arange(len(table)) >= 200) & (np.arange(len(table)) < 260)
-    north, east = np.where(off, -table["vel_e_mps"], table["vel_n_mps"]), np.where(off, table["vel_n_mps"], table["vel_e_mps"])
+    north, east = (
+        np.where(off, -table["vel_e_mps"], table["vel_n_mps"]),
+        np.where(off, table["vel_n_mps"], table["vel_e_mps"]),
+    )
     moved = table.replace(vel_n_mps=north, vel_e_mps=east, lat_deg=table["lat_deg"] + 0.0027 * off)
     monitor = replace(MONITOR, statistic=statistic)
     alerts = np.flatnonzero(detect(monitor, recording.replace({"/gnss0/gnss/pvt": moved})).alert)
@@ -117,9 +132,17 @@ def test_absurd_values_give_decisions(data: st.DataObject) -> None:
     recording = drive(0, 60.0)
     for topic in ("/gnss0/gnss/pvt", "/imu0/imu"):
         table = recording[topic]
-        name = data.draw(st.sampled_from(sorted(name for name in table if table[name].dtype.kind == "f")))
+        name = data.draw(
+            st.sampled_from(sorted(name for name in table if table[name].dtype.kind == "f"))
+        )
         row, value = data.draw(st.integers(0, len(table) - 1)), data.draw(st.floats(width=32))
-        recording = recording.replace({topic: table.replace(**{name: np.where(np.arange(len(table)) == row, value, table[name])})})
+        recording = recording.replace(
+            {
+                topic: table.replace(
+                    **{name: np.where(np.arange(len(table)) == row, value, table[name])}
+                )
+            }
+        )
     decisions = detect(replace(MONITOR, reported=True), recording)
     assert decisions.time_ns.size
 
@@ -130,7 +153,9 @@ def test_fitting_raises_the_inflation_to_the_mean_of_clean_recordings_and_never_
     optimistic = replace(MONITOR, velocity_mps=0.005, climb_mps=0.005)
     fitted = optimistic.fit(clean, [])
     found = [optimistic.filtered(recording)[1] for recording in clean]
-    mean = sum(one.squared[one.run >= 0].sum() for one in found) / sum(one.measured[one.run >= 0].sum() for one in found)
+    mean = sum(one.squared[one.run >= 0].sum() for one in found) / sum(
+        one.measured[one.run >= 0].sum() for one in found
+    )
     assert fitted.inflation == pytest.approx(mean)
     assert replace(fitted, inflation=1.0) == optimistic
     assert mean > 1
@@ -140,7 +165,9 @@ def test_fitting_raises_the_inflation_to_the_mean_of_clean_recordings_and_never_
 
 
 def test_variants_share_what_the_imu_decides(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The covariance recursion runs once for a recording and its variants, and once more where other rows are missing."""
+    """The covariance recursion runs once for a recording and its variants, and once more where
+    other rows are missing.
+    """
     runs = []
     recursion = gains.recursion
     monkeypatch.setattr(gains, "recursion", lambda *given: runs.append(1) or recursion(*given))
@@ -158,7 +185,10 @@ def test_variants_share_what_the_imu_decides(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize(
     ("parameters", "reason"),
     [
-        ({"statistic": "mean"}, r"statistic must be one of \['cumulative', 'windowed', 'per-epoch'\], not 'mean'"),
+        (
+            {"statistic": "mean"},
+            r"statistic must be one of \['cumulative', 'windowed', 'per-epoch'\], not 'mean'",
+        ),
         ({"grade": "toy"}, "grade must be one of"),
         ({"p_fa": 0.0}, "p_fa must lie between 0 and 1"),
         ({"lag_s": -0.1}, "lag_s must be 0 or more"),

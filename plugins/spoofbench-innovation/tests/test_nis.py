@@ -1,4 +1,6 @@
-"""The numbers on how well the filter fits: right on innovations that are as modelled, and on correlated ones."""
+"""The numbers on how well the filter fits: right on innovations that are as modelled, and on
+correlated ones.
+"""
 
 import json
 import subprocess
@@ -51,13 +53,27 @@ def test_too_short_a_recording_is_refused() -> None:
 
 def test_command(tmp_path: Path, numbers: dict[str, Any]) -> None:
     codec.write(drive(1, 600.0, 2.0), tmp_path / "drive.mcap")
-    command = [sys.executable, "-m", "spoofbench_innovation.nis", str(tmp_path / "drive.mcap"), "--calibration-s", "200"]
-    answer = subprocess.run([*command, "--json", "--picture", str(tmp_path / "nis")], check=True, capture_output=True, text=True)
+    command = [
+        sys.executable,
+        "-m",
+        "spoofbench_innovation.nis",
+        str(tmp_path / "drive.mcap"),
+        "--calibration-s",
+        "200",
+    ]
+    answer = subprocess.run(
+        [*command, "--json", "--picture", str(tmp_path / "nis")],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     told = json.loads(answer.stdout)
     assert told.keys() == numbers.keys()
     for block, key in (("calibration", "inflation"), ("cumulative", "variance_factor")):
         assert told[block][key] == pytest.approx(numbers[block][key])
-    assert told["raw"]["mean_per_measurement"] == pytest.approx(numbers["raw"]["mean_per_measurement"])
+    assert told["raw"]["mean_per_measurement"] == pytest.approx(
+        numbers["raw"]["mean_per_measurement"]
+    )
     assert (tmp_path / "nis.png").exists()
     assert (tmp_path / "nis.svg").exists()
     text = subprocess.run(command, check=True, capture_output=True, text=True).stdout

@@ -32,7 +32,15 @@ def test_tanil_verdicts(tanil: tuple[Path, Reproduced]) -> None:
 def test_tanil_tables(tanil: tuple[Path, Reproduced]) -> None:
     out, _ = tanil
     wanted = {
-        "fig3": {"scenario", "threshold", "lambda", "mu_m", "sigma_eps_m", "rho_m", "integrity_risk"},
+        "fig3": {
+            "scenario",
+            "threshold",
+            "lambda",
+            "mu_m",
+            "sigma_eps_m",
+            "rho_m",
+            "integrity_risk",
+        },
         "fig4": {"scenario", "rate_hz", "period_s", "integrity_risk"},
         "fig6": {"scenario", "sigma_mm", "period_s", "integrity_risk", "method"},
         "fig7": {"scenario", "sigma_mm", "delay_s", "integrity_risk"},
@@ -50,8 +58,13 @@ def test_pages(tanil: tuple[Path, Reproduced]) -> None:
     out, found = tanil
     page = write_pages(out, tanil2018, found).read_text()
     cells = json.loads((out / "verdicts.json").read_text())
-    assert [set(cell) for cell in cells] == [{"item", "printed", "ours", "lo", "hi", "verdict", "reason"}] * len(found.cells)
-    assert all(f"{p.name}.png" in (out / "README.md").read_text() and (out / f"{p.name}.svg").exists() for p in found.pictures)
+    assert [set(cell) for cell in cells] == [
+        {"item", "printed", "ours", "lo", "hi", "verdict", "reason"}
+    ] * len(found.cells)
+    assert all(
+        f"{p.name}.png" in (out / "README.md").read_text() and (out / f"{p.name}.svg").exists()
+        for p in found.pictures
+    )
     assert page.count("<img") == len(found.pictures)
     assert "http" not in page
 

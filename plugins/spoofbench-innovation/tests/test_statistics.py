@@ -11,7 +11,11 @@ from spoofbench_innovation.filtering import Innovations
 from spoofbench_innovation.statistics import ratio, thresholds_squared
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from(["cumulative", "windowed", "per-epoch"]), st.floats(0.5, 20))
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["cumulative", "windowed", "per-epoch"]),
+    st.floats(0.5, 20),
+)
 def test_sums_against_a_loop(seed: int, statistic: Any, window_s: float) -> None:
     rng = np.random.default_rng(seed)
     size = int(rng.integers(1, 40))
@@ -33,17 +37,30 @@ def test_sums_against_a_loop(seed: int, statistic: Any, window_s: float) -> None
             continue
         q, degrees = 0.0, 0
         for i in range(k + 1):
-            young = statistic == "cumulative" or (statistic == "windowed" and time_ns[i] > time_ns[k] - round(window_s * 1e9)) or i == k
+            young = (
+                statistic == "cumulative"
+                or (statistic == "windowed" and time_ns[i] > time_ns[k] - round(window_s * 1e9))
+                or i == k
+            )
             rows = ~np.isnan(value[i])
             if run[i] == run[k] and young and rows.any():
-                q += float(value[i, rows] @ np.linalg.inv(covariance[i][np.ix_(rows, rows)]) @ value[i, rows])
+                q += float(
+                    value[i, rows]
+                    @ np.linalg.inv(covariance[i][np.ix_(rows, rows)])
+                    @ value[i, rows]
+                )
                 degrees += int(rows.sum())
         assert got[k] == pytest.approx(q / stats.chi2.isf(1e-3, degrees), rel=1e-8)
 
 
-@given(st.lists(st.integers(1, 20_000), min_size=1, max_size=20), st.sampled_from([1e-9, 1e-6, 1e-3, 0.5]))
+@given(
+    st.lists(st.integers(1, 20_000), min_size=1, max_size=20),
+    st.sampled_from([1e-9, 1e-6, 1e-3, 0.5]),
+)
 def test_thresholds(degrees: list[int], p_fa: float) -> None:
-    np.testing.assert_allclose(thresholds_squared(np.array(degrees, float), p_fa), stats.chi2.isf(p_fa, degrees), rtol=1e-9)
+    np.testing.assert_allclose(
+        thresholds_squared(np.array(degrees, float), p_fa), stats.chi2.isf(p_fa, degrees), rtol=1e-9
+    )
 
 
 def test_the_papers_threshold() -> None:

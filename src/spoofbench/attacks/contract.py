@@ -1,8 +1,8 @@
 """The attack's contract: a clean recording in, a falsified one out.
 
 An attack is a frozen dataclass whose fields are its parameters, behind an entry point of the group
-``spoofbench.attacks``. It returns falsified tables and nothing more; :func:`falsify` holds it to the laws,
-removes what it does not model, rounds, and writes the truth.
+``spoofbench.attacks``. It returns falsified tables and nothing more; :func:`falsify` holds it to
+the laws, removes what it does not model, rounds, and writes the truth.
 """
 
 import hashlib
@@ -23,10 +23,9 @@ from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
 class Attack(Protocol):
     """A spoofing attack on a recording; it refuses parameters that make no sense by ``ValueError``.
 
-    Attributes:
-        models: the GNSS kinds whose change it models; other GNSS-derived kinds leave the variant.
-        attack_class: ``replay``, ``meaconing``, ``generated``, ...; ``time`` alone may change the claimed times.
-        level: what it falsifies: ``pvt``, ``measurement`` or ``signal``.
+    Attributes: models: the GNSS kinds whose change it models; other GNSS-derived kinds leave the
+        variant. attack_class: ``replay``, ``meaconing``, ``generated``, ...; ``time`` alone may
+        change the claimed times. level: what it falsifies: ``pvt``, ``measurement`` or ``signal``.
         strength: how strong it is, in ``strength_unit``; 0 changes nothing.
     """
 
@@ -41,8 +40,15 @@ class Attack(Protocol):
     @property
     def strength_unit(self) -> str: ...
 
-    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
-        """Return the recording with rows of the modelled kinds changed or deleted within the window.
+    def apply(
+        self,
+        clean: Recording,
+        window: Interval,
+        rng: np.random.Generator,
+        donors: Sequence[Recording] = (),
+    ) -> Recording:
+        """Return the recording with rows of the modelled kinds changed or deleted within the
+        window.
 
         A source that the attack cannot serve is taken away as a whole.
 
@@ -66,7 +72,8 @@ class Supplied(Protocol):
 
 
 def supply_of(attack: Attack, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
-    """Return the interval within which the attack's window may lie: all of the recording unless the attack is :class:`Supplied`.
+    """Return the interval within which the attack's window may lie: all of the recording unless the
+    attack is :class:`Supplied`.
 
     Raises:
         NotApplicable: no window can be supplied.
@@ -74,8 +81,11 @@ def supply_of(attack: Attack, clean: Recording, donors: Sequence[Recording] = ()
     return attack.supply(clean, donors) if isinstance(attack, Supplied) else clean.span
 
 
-def draw_window(suite_seed: int, recording: str, seed: int, within: Interval, duration_s: float) -> Interval:
-    """Draw a window by SHA-256 of the suite's seed, the recording's name and the seed: the same for every attack and detector.
+def draw_window(
+    suite_seed: int, recording: str, seed: int, within: Interval, duration_s: float
+) -> Interval:
+    """Draw a window by SHA-256 of the suite's seed, the recording's name and the seed: the same for
+    every attack and detector.
 
     Raises:
         NotApplicable: it does not fit.
@@ -84,25 +94,31 @@ def draw_window(suite_seed: int, recording: str, seed: int, within: Interval, du
     room_ns = within.end_ns - within.start_ns - duration_ns
     if duration_ns <= 0 or room_ns < 0:
         raise NotApplicable(
-            f"a window of {duration_s!r} s does not fit into the {within.duration_s:.1f} s of {recording!r} that can be attacked"
+            f"a window of {duration_s!r} s does not fit into the {within.duration_s:.1f} s of "
+            f"{recording!r} that can be attacked"
         )
     start_ns = within.start_ns + _hash([suite_seed, recording, seed]) % (room_ns + 1)
     return Interval(start_ns, start_ns + duration_ns)
 
 
-def falsify(name: str, attack: Attack, clean: Recording, window: Interval, seed: int, donors: Sequence[Recording] = ()) -> Recording:
+def falsify(
+    name: str,
+    attack: Attack,
+    clean: Recording,
+    window: Interval,
+    seed: int,
+    donors: Sequence[Recording] = (),
+) -> Recording:
     """Return the variant of a recording: attacked, held to the laws, rounded, with its truth row.
 
-    The truth interval starts at the first changed or deleted row of any source and ends one nanosecond after
-    the last one; it lies within the window. Strength 0 gives the clean recording itself.
+    The truth interval starts at the first changed or deleted row of any source and ends one
+    nanosecond after the last one; it lies within the window. Strength 0 gives the clean recording
+    itself.
 
-    Args:
-        name: of the attack's entry point.
-        attack: with its parameters.
-        clean: recording without attack.
-        window: where the attack may change rows.
-        seed: of whatever the attack draws; the draw also depends on the name, the parameters, the recordings and the window.
-        donors: further recordings that the attack may take rows from.
+    Args: name: of the attack's entry point. attack: with its parameters. clean: recording without
+        attack. window: where the attack may change rows. seed: of whatever the attack draws; the
+        draw also depends on the name, the parameters, the recordings and the window. donors:
+        further recordings that the attack may take rows from.
 
     Raises:
         NotApplicable: the attack cannot be made here, or changes nothing.
@@ -115,14 +131,20 @@ def falsify(name: str, attack: Attack, clean: Recording, window: Interval, seed:
     if attack.strength == 0:
         return clean
     if not topics:
-        raise NotApplicable(f"attack {name!r} models {sorted(attack.models)}, of which the recording has none")
+        raise NotApplicable(
+            f"attack {name!r} models {sorted(attack.models)}, of which the recording has none"
+        )
     base_ids = [recording.digest() for recording in (clean, *donors)]
-    rng = np.random.default_rng(_hash([seed, name, parameters, base_ids, window.start_ns, window.end_ns]))
+    rng = np.random.default_rng(
+        _hash([seed, name, parameters, base_ids, window.start_ns, window.end_ns])
+    )
     attacked = _applied(name, attack, clean, window, rng, donors)
     results = _held_to_the_laws(name, attack, clean, attacked, window, donors)
     changed = {topic: result.changed_ns for topic, result in results.items() if result.changed_ns}
     if not changed:
-        raise NotApplicable(f"attack {name!r} changes no row within its window of {window.duration_s:.1f} s")
+        raise NotApplicable(
+            f"attack {name!r} changes no row within its window of {window.duration_s:.1f} s"
+        )
     truth = {
         "start_ns": min(first for first, _ in changed.values()),
         "end_ns": max(last for _, last in changed.values()) + 1,
@@ -137,8 +159,15 @@ def falsify(name: str, attack: Attack, clean: Recording, window: Interval, seed:
         "parameters": parameters,
     }
     unmodelled = (topic for topic in clean if KINDS[split_topic(topic)[1]].is_gnss_derived)
-    tables: dict[str, Table | None] = {**dict.fromkeys(unmodelled), **{topic: result.table for topic, result in results.items()}}
-    row = Table("truth/attack", np.array([truth["start_ns"]], np.int64), {field: [value] for field, value in truth.items()})
+    tables: dict[str, Table | None] = {
+        **dict.fromkeys(unmodelled),
+        **{topic: result.table for topic, result in results.items()},
+    }
+    row = Table(
+        "truth/attack",
+        np.array([truth["start_ns"]], np.int64),
+        {field: [value] for field, value in truth.items()},
+    )
     return clean.replace({**tables, TRUTH_TOPIC: row})
 
 
@@ -149,30 +178,58 @@ def parameters_of(name: str, attack: Attack) -> str:
         PluginError: the attack does not keep the contract's form; says how.
     """
     if not _is_attack(attack):
-        raise PluginError(f"attack {name!r} is not an instance of a dataclass with all members of spoofbench.attacks.Attack")
-    strange = sorted(kind for kind in attack.models if kind not in KINDS or not KINDS[kind].is_gnss_derived)
+        raise PluginError(
+            f"attack {name!r} is not an instance of a dataclass with all members of "
+            "spoofbench.attacks.Attack"
+        )
+    strange = sorted(
+        kind for kind in attack.models if kind not in KINDS or not KINDS[kind].is_gnss_derived
+    )
     if strange:
-        raise PluginError(f"attack {name!r} models {strange[0]!r}, which is not a GNSS-derived kind of the schema")
+        raise PluginError(
+            f"attack {name!r} models {strange[0]!r}, which is not a GNSS-derived kind of the schema"
+        )
     if not (np.isfinite(attack.strength) and attack.strength >= 0):
-        raise PluginError(f"attack {name!r} has strength {attack.strength!r}; it must be finite and at least 0")
+        raise PluginError(
+            f"attack {name!r} has strength {attack.strength!r}; it must be finite and at least 0"
+        )
     form: Any = attack
     try:
         return _canonical({field.name: getattr(attack, field.name) for field in fields(form)})
     except (TypeError, ValueError) as error:
-        raise PluginError(f"attack {name!r} has a parameter that JSON cannot hold: {error}") from error
+        raise PluginError(
+            f"attack {name!r} has a parameter that JSON cannot hold: {error}"
+        ) from error
 
 
 def _applied(
-    name: str, attack: Attack, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording]
+    name: str,
+    attack: Attack,
+    clean: Recording,
+    window: Interval,
+    rng: np.random.Generator,
+    donors: Sequence[Recording],
 ) -> Recording:
     try:
         supply = supply_of(attack, clean, donors)
         if window.start_ns < supply.start_ns or window.end_ns > supply.end_ns:
-            start_ns, *edges_ns = clean.span.start_ns, supply.start_ns, supply.end_ns, window.start_ns, window.end_ns
+            start_ns, *edges_ns = (
+                clean.span.start_ns,
+                supply.start_ns,
+                supply.end_ns,
+                window.start_ns,
+                window.end_ns,
+            )
             first, last, start, end = (f"{(edge_ns - start_ns) / 1e9:.1f}" for edge_ns in edges_ns)
-            raise NotApplicable(f"attack {name!r} has material for {first} to {last} s of the recording, not for {start} to {end} s")
-        # copies: what a stranger does to its arguments must not reach the rows that its result is compared with
-        own, *others = (Recording(dict(recording), recording.metadata) for recording in (clean, *donors))
+            raise NotApplicable(
+                f"attack {name!r} has material for {first} to {last} s of the recording, not for "
+                f"{start} to {end} s"
+            )
+        # copies: what a stranger does to its arguments must not reach the rows that its result is
+        # compared with
+        own, *others = (
+            Recording(dict(recording), recording.metadata) for recording in (clean, *donors)
+        )
         attacked = attack.apply(own, window, rng, others)
     except SpoofbenchError:
         raise
@@ -185,7 +242,12 @@ def _applied(
 
 
 def _held_to_the_laws(
-    name: str, attack: Attack, clean: Recording, attacked: Recording, window: Interval, donors: Sequence[Recording]
+    name: str,
+    attack: Attack,
+    clean: Recording,
+    attacked: Recording,
+    window: Interval,
+    donors: Sequence[Recording],
 ) -> Mapping[str, Falsified]:
     try:
         touches_gnss_alone(clean, attacked)
@@ -193,9 +255,14 @@ def _held_to_the_laws(
         for topic in attacked:
             if split_topic(topic)[1] not in attack.models:
                 continue
-            results[topic] = falsified(clean[topic], attacked[topic], window, attack.attack_class == "time")
+            results[topic] = falsified(
+                clean[topic], attacked[topic], window, attack.attack_class == "time"
+            )
             if clean[topic].kind.name == "gnss/pvt":
-                genuine = [clean[topic], *(donor[other] for donor in donors for other in donor.topics("gnss/pvt"))]
+                genuine = [
+                    clean[topic],
+                    *(donor[other] for donor in donors for other in donor.topics("gnss/pvt")),
+                ]
                 belongs_together(attacked[topic], window, genuine)
     except PluginError as error:
         raise PluginError(f"attack {name!r}: {error}") from error

@@ -33,8 +33,8 @@ def attack_file(
         duration_s: of the window.
         seed: of the window and of whatever the attack draws.
 
-    Returns:
-        Rows of ``/truth/attack`` as dictionaries, with ``start_s`` and ``end_s`` after the first row added.
+    Returns: Rows of ``/truth/attack`` as dictionaries, with ``start_s`` and ``end_s`` after the
+        first row added.
 
     Raises:
         PluginError: there is no such attack or parameter, or it breaks a law.
@@ -44,23 +44,33 @@ def attack_file(
     attack = plugins.make(plugins.ATTACKS, name, parameters)
     clean, given = read(file), [read(donor) for donor in donors]
     if start_s is None:
-        window = draw_window(seed, clean.digest(), seed, supply_of(attack, clean, given), duration_s)
+        window = draw_window(
+            seed, clean.digest(), seed, supply_of(attack, clean, given), duration_s
+        )
     else:
         window = _window(clean, start_s, duration_s)
     variant = falsify(name, attack, clean, window, seed, given)
     write(variant, out)
     first_ns = clean.span.start_ns
     return [
-        {**row, "start_s": (row["start_ns"] - first_ns) / 1e9, "end_s": (row["end_ns"] - first_ns) / 1e9} for row in _truth_rows(variant)
+        {
+            **row,
+            "start_s": (row["start_ns"] - first_ns) / 1e9,
+            "end_s": (row["end_ns"] - first_ns) / 1e9,
+        }
+        for row in _truth_rows(variant)
     ]
 
 
 def _window(clean: Recording, start_s: float, duration_s: float) -> Interval:
     span = clean.span
-    start_ns, end_ns = (span.start_ns + round(seconds * 1e9) for seconds in (start_s, start_s + duration_s))
+    start_ns, end_ns = (
+        span.start_ns + round(seconds * 1e9) for seconds in (start_s, start_s + duration_s)
+    )
     if not span.start_ns <= start_ns < end_ns <= span.end_ns:
         raise NotApplicable(
-            f"an attack from {start_s!r} s for {duration_s!r} s does not lie within the recording's {span.duration_s:.1f} s"
+            f"an attack from {start_s!r} s for {duration_s!r} s does not lie within the "
+            f"recording's {span.duration_s:.1f} s"
         )
     return Interval(start_ns, end_ns)
 
@@ -69,5 +79,8 @@ def _truth_rows(variant: Recording) -> list[dict[str, Any]]:
     if TRUTH_TOPIC not in variant:
         return []
     table = variant[TRUTH_TOPIC]
-    columns = {name: table[name].tolist() if table.column(name).words is None else table.words(name) for name in table}
+    columns = {
+        name: table[name].tolist() if table.column(name).words is None else table.words(name)
+        for name in table
+    }
     return [{name: values[row] for name, values in columns.items()} for row in range(len(table))]

@@ -1,9 +1,9 @@
 """Motion of PVT rows in geodetic coordinates and their exact rates.
 
-Latitude, longitude and height, and their time derivatives, are what attacks are computed on: a linear
-combination of coordinates has the same combination of rates as its derivative, so that position and velocity
-of an attacked row belong together without a local frame. Metres per radian are the ellipsoid's radii of
-curvature at each row (pymap3d).
+Latitude, longitude and height, and their time derivatives, are what attacks are computed on: a
+linear combination of coordinates has the same combination of rates as its derivative, so that
+position and velocity of an attacked row belong together without a local frame. Metres per radian
+are the ellipsoid's radii of curvature at each row (pymap3d).
 """
 
 from dataclasses import dataclass
@@ -24,9 +24,8 @@ _EXCEPTIONS = 0.1
 class Motion:
     """Geodetic coordinates and rates of PVT rows, NaN where absent.
 
-    Attributes:
-        position: ``(n, 3)`` latitude and longitude (rad, longitude without jumps at the antimeridian), height (m).
-        rate: ``(n, 3)`` their derivatives (rad/s, rad/s, m/s).
+    Attributes: position: ``(n, 3)`` latitude and longitude (rad, longitude without jumps at the
+        antimeridian), height (m). rate: ``(n, 3)`` their derivatives (rad/s, rad/s, m/s).
     """
 
     position: Floats
@@ -53,16 +52,21 @@ def motion_of(pvt: Table) -> Motion:
 def with_motion(pvt: Table, moved: Motion) -> Table:
     """Return PVT rows with another motion: position, both heights, velocity, speed and course.
 
-    A field that a row lacks stays absent, but the course of a receiver that leaves it out below a speed: there the new
-    speed decides. Where the motion is the row's own, or absent, the row stays as it is.
+    A field that a row lacks stays absent, but the course of a receiver that leaves it out below a
+    speed: there the new speed decides. Where the motion is the row's own, or absent, the row stays
+    as it is.
     """
     was = motion_of(pvt)
     shift = np.nan_to_num(moved.position - was.position)
     here = np.column_stack([_filled(axis) for axis in was.position.T])
-    gain = np.nan_to_num(moved.rate * metres_per_unit(here + shift) - was.rate * metres_per_unit(here))
+    gain = np.nan_to_num(
+        moved.rate * metres_per_unit(here + shift) - was.rate * metres_per_unit(here)
+    )
     north, east, _ = (_velocity(pvt) + gain).T
     turned = (gain[:, 0] != 0) | (gain[:, 1] != 0)
-    course = np.where((north != 0) | (east != 0), np.degrees(np.arctan2(east, north)) % 360, pvt["course_deg"])
+    course = np.where(
+        (north != 0) | (east != 0), np.degrees(np.arctan2(east, north)) % 360, pvt["course_deg"]
+    )
     limit = _fastest_without_course_mps(pvt)
     has_course = pvt.valid("course_deg") if limit is None else np.hypot(north, east) > limit
     longitude = _plus(pvt["lon_deg"], np.degrees(shift[:, 1]))
@@ -74,7 +78,9 @@ def with_motion(pvt: Table, moved: Motion) -> Table:
         "vel_n_mps": _plus(pvt["vel_n_mps"], gain[:, 0]),
         "vel_e_mps": _plus(pvt["vel_e_mps"], gain[:, 1]),
         "vel_d_mps": _plus(pvt["vel_d_mps"], gain[:, 2]),
-        "speed_mps": np.where(turned & pvt.valid("speed_mps"), np.hypot(north, east), pvt["speed_mps"]),
+        "speed_mps": np.where(
+            turned & pvt.valid("speed_mps"), np.hypot(north, east), pvt["speed_mps"]
+        ),
         "course_deg": np.where(turned, np.where(has_course, course, np.nan), pvt["course_deg"]),
     }
     return pvt.replace(**{name: values for name, values in columns.items() if name in pvt})
@@ -97,16 +103,25 @@ def _velocity(pvt: Table) -> Floats:
 def _held(values: Floats) -> Floats:
     """The values, absent ones as the last known one, before the first as that."""
     known = np.flatnonzero(np.isfinite(values))
-    return values[known[np.maximum(np.searchsorted(known, np.arange(values.size), "right") - 1, 0)]] if known.size else values
+    return (
+        values[known[np.maximum(np.searchsorted(known, np.arange(values.size), "right") - 1, 0)]]
+        if known.size
+        else values
+    )
 
 
 def _fastest_without_course_mps(pvt: Table) -> float | None:
-    """Level speed up to which the receiver leaves the course out, None where its rows show no such limit."""
-    speed = np.where(pvt.valid("speed_mps"), pvt["speed_mps"], np.hypot(pvt["vel_n_mps"], pvt["vel_e_mps"]))
+    """Level speed up to which the receiver leaves the course out, None where its rows show no such
+    limit.
+    """
+    speed = np.where(
+        pvt.valid("speed_mps"), pvt["speed_mps"], np.hypot(pvt["vel_n_mps"], pvt["vel_e_mps"])
+    )
     known = np.isfinite(speed)
     order = np.argsort(speed[known])
     speed, blank = speed[known][order], ~pvt.valid("course_deg")[known][order]
-    # rows that a limit above the k slowest does not explain: those with a course below it, those without one above it
+    # rows that a limit above the k slowest does not explain: those with a course below it, those
+    # without one above it
     strays = np.append(0, np.cumsum(~blank)) + np.append(np.cumsum(blank[::-1])[::-1], 0)
     k = int(np.argmin(strays))
     if not 0 < k < speed.size or strays[k] > _EXCEPTIONS * blank.sum():
@@ -115,7 +130,8 @@ def _fastest_without_course_mps(pvt: Table) -> float | None:
 
 
 def metres_per_unit(position: Floats) -> Floats:
-    """Metres north, east and down per radian of latitude, of longitude and per metre of height, ``(n, 3)``.
+    """Metres north, east and down per radian of latitude, of longitude and per metre of height,
+    ``(n, 3)``.
 
     Rows without a position get the median row's, so that velocities alone can be treated alike.
     """
@@ -147,8 +163,8 @@ def interval_s(table: Table) -> float:
 def epochs_s(table: Table) -> Floats:
     """Times of the receiver's epochs in seconds from the first, ``(n,)``.
 
-    A receiver measures at regular epochs and its stamps jitter: a step within a quarter of the nominal
-    interval of a multiple of it is taken for that multiple, any other as it is stamped.
+    A receiver measures at regular epochs and its stamps jitter: a step within a quarter of the
+    nominal interval of a multiple of it is taken for that multiple, any other as it is stamped.
     """
     steps = np.diff(table.time_ns) / 1e9
     nominal = interval_s(table)

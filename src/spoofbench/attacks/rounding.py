@@ -1,7 +1,8 @@
 """The resolution of a column: which numbers the receiver could have written there.
 
-A receiver prints decimals or sends scaled integers; converters turn radians into degrees. Each leaves a
-pattern in the last bits. A falsified value must have that pattern, or rounding alone gives the attack away.
+A receiver prints decimals or sends scaled integers; converters turn radians into degrees. Each
+leaves a pattern in the last bits. A falsified value must have that pattern, or rounding alone gives
+the attack away.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -14,15 +15,22 @@ from spoofbench.recording import Table
 
 Floats = NDArray[np.float64]
 Writing = Callable[[Floats], Floats]
-"""Takes numbers and gives the nearest ones that the receiver could have written; what it wrote stays as it is."""
+"""Takes numbers and gives the nearest ones that the receiver could have written; what it wrote
+stays as it is.
+"""
 
-GROUPS = (("lat_deg", "lon_deg"), ("height_m", "height_msl_m"), ("vel_n_mps", "vel_e_mps", "vel_d_mps"))
+GROUPS = (
+    ("lat_deg", "lon_deg"),
+    ("height_m", "height_msl_m"),
+    ("vel_n_mps", "vel_e_mps", "vel_d_mps"),
+)
 """Fields that a receiver writes alike: what one of them does not show, another may."""
 
 _DECIMALS = range(13)
 _SCALES = (1.0, 60.0, 3600 / 1852, 3.6)  # the unit itself; arc minutes, knots, km/h
 _PROBE = 32
-_TELLING = 8  # fewer distinct values do not show how a field is written: a still receiver's are whole by chance
+# fewer distinct values do not show how a field is written: a still receiver's are whole by chance
+_TELLING = 8
 _DUST_ULPS = 8
 _DISTINCT_ULPS = 64  # a grid must be this much coarser than the dust to be told from chance
 
@@ -55,7 +63,9 @@ class Resolution:
 
 
 def resolutions(table: Table, names: Iterable[str]) -> dict[str, Resolution]:
-    """Return the resolution of each of these float fields of a table, found from all of its rows."""
+    """Return the resolution of each of these float fields of a table, found from all of its
+    rows.
+    """
     names = set(names)
     found: dict[str, Resolution] = {}
     for group in GROUPS:
@@ -63,12 +73,18 @@ def resolutions(table: Table, names: Iterable[str]) -> dict[str, Resolution]:
         if len(present) > 1 and names & set(present):
             together = resolution(np.concatenate([table[name] for name in present]))
             alike = together.write is not None and not together.dust
-            found |= {name: together for name in present if alike or np.unique(table[name]).size < _TELLING}
+            found |= {
+                name: together
+                for name in present
+                if alike or np.unique(table[name]).size < _TELLING
+            }
     return {name: found.get(name) or resolution(table[name]) for name in sorted(names)}
 
 
 def resolution(column: NDArray[np.floating]) -> Resolution:
-    """Find how a column's values are written: the first known way, coarse before fine, that gives each of them back bit for bit."""
+    """Find how a column's values are written: the first known way, coarse before fine, that gives
+    each of them back bit for bit.
+    """
     single = column.dtype == np.float32
     values = column[~np.isnan(column)].astype(np.float64)
     negative_zero = bool(np.any(np.signbit(values) & (values == 0)))
@@ -82,13 +98,17 @@ def resolution(column: NDArray[np.floating]) -> Resolution:
     if not single:
         for write, step in _grids():
             spacing = np.spacing(np.abs(finite).max())
-            if step > _DISTINCT_ULPS * spacing and np.all(np.abs(write(finite) - finite) <= _DUST_ULPS * spacing):
+            if step > _DISTINCT_ULPS * spacing and np.all(
+                np.abs(write(finite) - finite) <= _DUST_ULPS * spacing
+            ):
                 return Resolution(write, True, negative_zero)
     return Resolution(None, False, negative_zero)
 
 
 def _writings(single: bool) -> Iterator[Writing]:
-    """Known ways to write, in the order of belief; a decimal grid lies within finer ones of minutes, so decimals come first."""
+    """Known ways to write, in the order of belief; a decimal grid lies within finer ones of
+    minutes, so decimals come first.
+    """
     if single:
         yield from (_as_single(_rounded(decimals)) for decimals in _DECIMALS)
         return
@@ -101,7 +121,11 @@ def _writings(single: bool) -> Iterator[Writing]:
 
 
 def _grids() -> Iterator[tuple[Writing, float]]:
-    return ((_scaled(decimals, scale), 10.0**-decimals / scale) for scale in _SCALES for decimals in _DECIMALS)
+    return (
+        (_scaled(decimals, scale), 10.0**-decimals / scale)
+        for scale in _SCALES
+        for decimals in _DECIMALS
+    )
 
 
 def _rounded(decimals: int) -> Writing:

@@ -1,7 +1,8 @@
 """The codec: recordings to MCAP files and back, whole columns at a time.
 
-A file has one channel per topic, encoded as protobuf with the full FileDescriptorSet, one message per row;
-``log_time`` and ``publish_time`` are the row's ``time_ns``. An absent value is not written, zero is.
+A file has one channel per topic, encoded as protobuf with the full FileDescriptorSet, one message
+per row; ``log_time`` and ``publish_time`` are the row's ``time_ns``. An absent value is not
+written, zero is.
 """
 
 from spoofbench.codec.compression import Compression

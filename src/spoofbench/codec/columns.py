@@ -24,14 +24,21 @@ class Gathering:
     def __init__(self, kind: Kind) -> None:
         self._kind = kind.name
         self._fields: Mapping[str, Field] = kind.fields
-        self.words: dict[str, dict[bytes, int]] = {f.name: {} for f in kind.fields.values() if f.category in ("text", "bytes")}
+        self.words: dict[str, dict[bytes, int]] = {
+            f.name: {} for f in kind.fields.values() if f.category in ("text", "bytes")
+        }
         self._rows = 0
         self._times = BytesIO()
         self._places: list[NDArray[np.int64]] = []
         self._values: dict[str, BytesIO] = {}
         self._valid: dict[str, BytesIO] = {}
 
-    def add(self, times: NDArray[np.int64], values: dict[str, Values], places: NDArray[np.int64] | None = None) -> None:
+    def add(
+        self,
+        times: NDArray[np.int64],
+        values: dict[str, Values],
+        places: NDArray[np.int64] | None = None,
+    ) -> None:
         """Append rows; places say their file order where it is not that of the calls."""
         for name in values.keys() - self._values.keys():
             self._values[name], self._valid[name] = BytesIO(), BytesIO()
@@ -47,7 +54,9 @@ class Gathering:
         blank = np.nan if field.category == "float" else -1 if field.name in self.words else 0
         values, valid = given or (np.full(rows, blank, field.dtype), np.zeros(rows, bool))
         if field.category == "float" or field.name in self.words:
-            values = values if valid is None else np.where(valid, values, np.array(blank, values.dtype))
+            values = (
+                values if valid is None else np.where(valid, values, np.array(blank, values.dtype))
+            )
         else:
             _extend(self._valid[field.name], np.ones(rows, bool) if valid is None else valid)
         _extend(self._values[field.name], values)
@@ -67,13 +76,22 @@ class Gathering:
                 words = decoded(field, self.words[name]) if name in self.words else None
                 columns[name] = Column(values, None if valid.all() else valid, words)
         if self._places or np.any(times[1:] < times[:-1]):
-            order = np.lexsort((np.concatenate(self._places), times)) if self._places else np.argsort(times, kind="stable")
+            order = (
+                np.lexsort((np.concatenate(self._places), times))
+                if self._places
+                else np.argsort(times, kind="stable")
+            )
             times = times[order]
-            columns = {n: Column(c.values[order], None if c.valid is None else c.valid[order], c.words) for n, c in columns.items()}
+            columns = {
+                n: Column(c.values[order], None if c.valid is None else c.valid[order], c.words)
+                for n, c in columns.items()
+            }
         try:
             return Table(self._kind, times, columns)
         except RecordingError as error:
-            raise FormatError(f"the file holds a {self._kind} table that makes no sense: {error}") from error
+            raise FormatError(
+                f"the file holds a {self._kind} table that makes no sense: {error}"
+            ) from error
 
 
 def _extend(column: BytesIO, values: NDArray[Any]) -> None:
@@ -91,4 +109,6 @@ def decoded(field: Field, words: Iterable[bytes]) -> tuple[str, ...] | tuple[byt
     try:
         return tuple(word.decode() for word in words)
     except UnicodeDecodeError as error:
-        raise FormatError(f"field {field.name!r} holds {error.object!r}, which is not valid UTF-8") from error
+        raise FormatError(
+            f"field {field.name!r} holds {error.object!r}, which is not valid UTF-8"
+        ) from error

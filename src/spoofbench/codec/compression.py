@@ -34,7 +34,9 @@ class Compress:
         return crc, self._own.context.compress(payload)
 
 
-def decompress(data: NDArray[np.uint8], compression: str, size: int, where: str) -> NDArray[np.uint8]:
+def decompress(
+    data: NDArray[np.uint8], compression: str, size: int, where: str
+) -> NDArray[np.uint8]:
     """Return what data unpack to; no more than the declared size is ever allocated.
 
     Raises:

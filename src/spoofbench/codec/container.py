@@ -1,7 +1,8 @@
 """The MCAP container: where a file's records and messages are, found within declared limits.
 
-Nothing that a file says of itself is believed unchecked: every length must end within the file, every chunk
-must unpack to exactly the size and the checksum it declares, and indexes serve as hints that are verified.
+Nothing that a file says of itself is believed unchecked: every length must end within the file,
+every chunk must unpack to exactly the size and the checksum it declares, and indexes serve as hints
+that are verified.
 """
 
 import mmap
@@ -25,7 +26,14 @@ from spoofbench.errors import FormatError, LimitError
 
 RECORD = struct.Struct("<BQ")
 MESSAGE = np.dtype(
-    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")]
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
 )
 """What precedes the data of a message record, its opcode and length included."""
 
@@ -44,13 +52,11 @@ _REPEATS = 8
 class Limits:
     """What a file may ask for; asking for more is a :class:`~spoofbench.errors.LimitError`.
 
-    Attributes:
-        chunk_bytes: decompressed size of one chunk.
-        total_bytes: decompressed size of all chunks.
-        messages: in the whole file.
-        records: at the top level of the file and in chunks that no index describes, messages aside.
-        channels: in the whole file; each is a topic that is read by itself.
-        text_bytes: all records but messages, chunks and indexes: schemas, channels, metadata, statistics.
+    Attributes: chunk_bytes: decompressed size of one chunk. total_bytes: decompressed size of all
+        chunks. messages: in the whole file. records: at the top level of the file and in chunks
+        that no index describes, messages aside. channels: in the whole file; each is a topic that
+        is read by itself. text_bytes: all records but messages, chunks and indexes: schemas,
+        channels, metadata, statistics.
     """
 
     chunk_bytes: int = 128 << 20
@@ -76,7 +82,9 @@ class Chunk:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """Message records within a buffer: where each starts, how long it is with its head, and its channel, ``(n,)`` each."""
+    """Message records within a buffer: where each starts, how long it is with its head, and its
+    channel, ``(n,)`` each.
+    """
 
     buffer: NDArray[np.uint8]
     starts: NDArray[np.int64]
@@ -107,8 +115,12 @@ def map_file(path: Path) -> NDArray[np.uint8]:
         raise FormatError(f"{str(path)!r} cannot be read: {error.strerror}") from error
 
 
-def record_starts(buffer: NDArray[np.uint8], first: int, last: int) -> tuple[NDArray[np.int64], int]:
-    """Walk from record to record: the offsets of those that end by ``last``, and where the last of them ends."""
+def record_starts(
+    buffer: NDArray[np.uint8], first: int, last: int
+) -> tuple[NDArray[np.int64], int]:
+    """Walk from record to record: the offsets of those that end by ``last``, and where the last of
+    them ends.
+    """
     view = buffer.data
     runs: list[NDArray[np.int64]] = []
     singles = array("q")
@@ -175,7 +187,9 @@ def messages_at(buffer: NDArray[np.uint8], starts: NDArray[np.int64], where: str
     """
     sizes = gather(buffer, "<u8", starts + 1).astype(np.int64) + RECORD.size
     if sizes.size and sizes.min() < MESSAGE.itemsize:
-        raise FormatError(f"{where} holds a message record of {int(sizes.min())!r} bytes, too short for its head")
+        raise FormatError(
+            f"{where} holds a message record of {int(sizes.min())!r} bytes, too short for its head"
+        )
     return Messages(buffer, starts, sizes, gather(buffer, "<u2", starts + RECORD.size))
 
 
@@ -193,18 +207,27 @@ def parse_chunk(buffer: NDArray[np.uint8], offset: int, limits: Limits) -> Chunk
     start_ns, end_ns, size, crc, name_length = _CHUNK.unpack_from(buffer.data, begin)
     data = begin + _CHUNK.size + name_length + 8
     if data > end:
-        raise FormatError(f"the chunk at byte {offset} has a compression name of {name_length!r} bytes, beyond its end")
+        raise FormatError(
+            f"the chunk at byte {offset} has a compression name of {name_length!r} bytes, beyond "
+            "its end"
+        )
     name = bytes(buffer[begin + _CHUNK.size : data - 8]).decode("utf-8", "replace")
     (data_length,) = struct.unpack_from("<Q", buffer.data, data - 8)
     if data + data_length > end:
-        raise FormatError(f"the chunk at byte {offset} declares {data_length!r} bytes of data, beyond its end")
+        raise FormatError(
+            f"the chunk at byte {offset} declares {data_length!r} bytes of data, beyond its end"
+        )
     if size > limits.chunk_bytes:
-        raise LimitError(f"the chunk at byte {offset} declares {size!r} bytes where at most {limits.chunk_bytes} are allowed")
+        raise LimitError(
+            f"the chunk at byte {offset} declares {size!r} bytes where at most "
+            f"{limits.chunk_bytes} are allowed"
+        )
     return Chunk(offset, start_ns, end_ns, size, crc, name, slice(data, data + data_length))
 
 
 def unpack(buffer: NDArray[np.uint8], chunk: Chunk) -> NDArray[np.uint8]:
-    """Return a chunk's records, of the size and the checksum that it declares; no more than that is ever allocated.
+    """Return a chunk's records, of the size and the checksum that it declares; no more than that is
+    ever allocated.
 
     Raises:
         FormatError: it unpacks to something else, or its compression is unknown.
@@ -218,13 +241,13 @@ def unpack(buffer: NDArray[np.uint8], chunk: Chunk) -> NDArray[np.uint8]:
     return records
 
 
-def chunk_contents(buffer: NDArray[np.uint8], chunk: Chunk, indexes: Sequence[slice] = ()) -> Contents:
+def chunk_contents(
+    buffer: NDArray[np.uint8], chunk: Chunk, indexes: Sequence[slice] = ()
+) -> Contents:
     """Return what is in a chunk.
 
-    Args:
-        buffer: the file.
-        chunk: of the file.
-        indexes: where the entries of its message index records are, a hint that spares walking the records.
+    Args: buffer: the file. chunk: of the file. indexes: where the entries of its message index
+        records are, a hint that spares walking the records.
 
     Raises:
         FormatError: the chunk is damaged.
@@ -241,8 +264,12 @@ def chunk_contents(buffer: NDArray[np.uint8], chunk: Chunk, indexes: Sequence[sl
     return Contents(messages_at(records, starts[is_message], where), starts[~is_message])
 
 
-def _indexed_starts(buffer: NDArray[np.uint8], records: NDArray[np.uint8], indexes: Sequence[slice]) -> NDArray[np.int64] | None:
-    """Return where a message index says the messages are if that is all there is in the chunk, else None."""
+def _indexed_starts(
+    buffer: NDArray[np.uint8], records: NDArray[np.uint8], indexes: Sequence[slice]
+) -> NDArray[np.int64] | None:
+    """Return where a message index says the messages are if that is all there is in the chunk, else
+    None.
+    """
     entries = [np.frombuffer(buffer[index], INDEX_ENTRY)["offset"] for index in indexes]
     if not entries or not sum(part.size for part in entries):
         return None
@@ -278,4 +305,6 @@ def parse(record: Any, buffer: NDArray[np.uint8], start: int, where: str) -> Any
     try:
         return record.read(_Exact(BytesIO(payload)))
     except (McapError, struct.error, ValueError) as error:
-        raise FormatError(f"the {record.__name__} record at byte {start} of {where} is damaged") from error
+        raise FormatError(
+            f"the {record.__name__} record at byte {start} of {where} is damaged"
+        ) from error

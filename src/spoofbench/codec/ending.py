@@ -6,7 +6,16 @@ from typing import Any
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Footer, McapRecord, MetadataIndex, Schema, Statistics, SummaryOffset
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    Footer,
+    McapRecord,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
 from mcap.writer import MCAP0_MAGIC
 
 
@@ -56,7 +65,10 @@ def ending(
 
 
 def _statistics(
-    definitions: tuple[Sequence[Schema], Sequence[Channel]], counts: Mapping[int, int], chunks: Sequence[ChunkIndex], metadata_count: int
+    definitions: tuple[Sequence[Schema], Sequence[Channel]],
+    counts: Mapping[int, int],
+    chunks: Sequence[ChunkIndex],
+    metadata_count: int,
 ) -> Statistics:
     return Statistics(
         attachment_count=0,

@@ -1,7 +1,8 @@
 """Columns to MCAP message records, whole runs of rows at a time.
 
-All rows that have the same fields, each of the same width, have one byte layout: a constant template with
-gaps for the times and the values. A layout is a numpy structured type, and packing is assignment to it.
+All rows that have the same fields, each of the same width, have one byte layout: a constant
+template with gaps for the times and the values. A layout is a numpy structured type, and packing is
+assignment to it.
 """
 
 from collections.abc import Sequence
@@ -20,7 +21,14 @@ from spoofbench.recording import Table
 from spoofbench.schema import Field
 
 _ABSENT = -1
-_WIRE_TYPES = {"<f8": FIXED64, "<i8": FIXED64, "<u8": FIXED64, "<f4": FIXED32, "<i4": FIXED32, "<u4": FIXED32}
+_WIRE_TYPES = {
+    "<f8": FIXED64,
+    "<i8": FIXED64,
+    "<u8": FIXED64,
+    "<f4": FIXED32,
+    "<i4": FIXED32,
+    "<u4": FIXED32,
+}
 
 
 class Rows(Protocol):
@@ -39,7 +47,9 @@ class Rows(Protocol):
     @property
     def sizes(self) -> NDArray[np.int64]: ...
 
-    def pack(self, first: int, last: int, out: NDArray[np.uint8], starts: NDArray[np.int64]) -> None:
+    def pack(
+        self, first: int, last: int, out: NDArray[np.uint8], starts: NDArray[np.int64]
+    ) -> None:
         """Write the records of the rows ``[first, last)`` to ``out``, each at its start."""
         ...
 
@@ -68,17 +78,25 @@ class TableRows:
         self.times = table.time_ns
         self._columns = {name: table.column(name) for name in table}
         self._fields = table.kind.fields
-        self._words = {name: _encoded(name, column.words) for name, column in self._columns.items() if column.words is not None}
+        self._words = {
+            name: _encoded(name, column.words)
+            for name, column in self._columns.items()
+            if column.words is not None
+        }
         widths = [self._widths(name) for name in self._columns]
         self._which, shapes = _classes(widths, len(table))
-        self._layouts = [self._layout(dict(zip(self._columns, shape, strict=True))) for shape in shapes]
+        self._layouts = [
+            self._layout(dict(zip(self._columns, shape, strict=True))) for shape in shapes
+        ]
 
     @cached_property
     def sizes(self) -> NDArray[np.int64]:
         sizes = np.array([layout.template.size for layout in self._layouts], np.int64)
         return sizes[self._which] if sizes.size > 1 else np.repeat(sizes, self.times.size)
 
-    def pack(self, first: int, last: int, out: NDArray[np.uint8], starts: NDArray[np.int64]) -> None:
+    def pack(
+        self, first: int, last: int, out: NDArray[np.uint8], starts: NDArray[np.int64]
+    ) -> None:
         """Write the records of the rows ``[first, last)`` to ``out``, each at its start."""
         if len(self._layouts) == 1:
             layout, size = self._layouts[0], self._layouts[0].template.size
@@ -94,16 +112,27 @@ class TableRows:
             place(out, starts[rows], block)
 
     def _widths(self, name: str) -> NDArray[np.int64] | int:
-        """Bytes that the value of a field takes in each row, -1 where absent; an int where all rows agree."""
+        """Bytes that the value of a field takes in each row, -1 where absent; an int where all rows
+        agree.
+        """
         column, field = self._columns[name], self._fields[name]
         values = column.values
         if name in self._words:
             table = np.array([len(word) for word in self._words[name]] + [_ABSENT], np.int64)
             return np.asarray(table[values])
         valid = self._valid(name)
-        width: NDArray[np.int64] | int = 1 if field.category in ("boolean", "enum") else values.dtype.itemsize
+        width: NDArray[np.int64] | int = (
+            1 if field.category in ("boolean", "enum") else values.dtype.itemsize
+        )
         if field.category == "enum" and np.any((values < 0) | (values > 0x7F)):
-            width = np.searchsorted(1 << np.arange(7, 64, 7, dtype=np.uint64), values.astype(np.int64).view(np.uint64), "right") + 1
+            width = (
+                np.searchsorted(
+                    1 << np.arange(7, 64, 7, dtype=np.uint64),
+                    values.astype(np.int64).view(np.uint64),
+                    "right",
+                )
+                + 1
+            )
         elif valid.all():
             return int(width)
         return np.where(valid, width, _ABSENT)
@@ -117,7 +146,11 @@ class TableRows:
     def _layout(self, widths: dict[str, int]) -> _Layout:
         template = bytearray(MESSAGE.itemsize)
         formats: list[Any]
-        names, formats, offsets = ["log_time", "publish_time"], ["<u8", "<u8"], [LOG_TIME, LOG_TIME + 8]
+        names, formats, offsets = (
+            ["log_time", "publish_time"],
+            ["<u8", "<u8"],
+            [LOG_TIME, LOG_TIME + 8],
+        )
         for name, width in widths.items():
             if width == _ABSENT:
                 continue
@@ -129,11 +162,19 @@ class TableRows:
                 offsets.append(len(template))
             template += bytes(width)
         head = np.frombuffer(template, MESSAGE, 1)
-        head["opcode"], head["length"], head["channel"] = Opcode.MESSAGE, len(template) - 9, self.channel_id
-        dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(template)})
+        head["opcode"], head["length"], head["channel"] = (
+            Opcode.MESSAGE,
+            len(template) - 9,
+            self.channel_id,
+        )
+        dtype = np.dtype(
+            {"names": names, "formats": formats, "offsets": offsets, "itemsize": len(template)}
+        )
         return _Layout(np.frombuffer(bytes(template), np.uint8), dtype)
 
-    def _fill(self, layout: _Layout, rows: slice | NDArray[np.intp], out: NDArray[np.uint8]) -> None:
+    def _fill(
+        self, layout: _Layout, rows: slice | NDArray[np.intp], out: NDArray[np.uint8]
+    ) -> None:
         out.reshape(-1, layout.template.size)[:] = layout.template
         records = out.view(layout.dtype)
         records["log_time"] = records["publish_time"] = self.times[rows]
@@ -145,7 +186,9 @@ class TableRows:
                 records[name] = np.frombuffer(b"".join(words), f"V{width}")[values]
             elif layout.dtype[name].shape:
                 shifts = np.arange(0, 7 * layout.dtype[name].itemsize, 7, dtype=np.uint64)
-                digits = (values.astype(np.int64).view(np.uint64)[:, None] >> shifts) & np.uint64(0x7F)
+                digits = (values.astype(np.int64).view(np.uint64)[:, None] >> shifts) & np.uint64(
+                    0x7F
+                )
                 digits[:, :-1] |= np.uint64(0x80)
                 records[name] = digits
             else:
@@ -155,16 +198,24 @@ class TableRows:
 class BlobRows:
     """Messages that are encoded already, to be written to one channel."""
 
-    def __init__(self, channel_id: int, times: NDArray[np.int64], messages: Sequence[bytes]) -> None:
+    def __init__(
+        self, channel_id: int, times: NDArray[np.int64], messages: Sequence[bytes]
+    ) -> None:
         self.channel_id = channel_id
         self.times = times
         self._messages = messages
         self.sizes = np.array([MESSAGE.itemsize + len(message) for message in messages], np.int64)
 
-    def pack(self, first: int, last: int, out: NDArray[np.uint8], starts: NDArray[np.int64]) -> None:
+    def pack(
+        self, first: int, last: int, out: NDArray[np.uint8], starts: NDArray[np.int64]
+    ) -> None:
         """Write the records of the rows ``[first, last)`` to ``out``, each at its start."""
         head = np.zeros(last - first, MESSAGE)
-        head["opcode"], head["length"], head["channel"] = Opcode.MESSAGE, self.sizes[first:last] - 9, self.channel_id
+        head["opcode"], head["length"], head["channel"] = (
+            Opcode.MESSAGE,
+            self.sizes[first:last] - 9,
+            self.channel_id,
+        )
         head["log_time"] = head["publish_time"] = self.times[first:last]
         place(out, starts, head.view(np.uint8))
         for start, message in zip(starts.tolist(), self._messages[first:last], strict=True):
@@ -183,7 +234,11 @@ def _prefix(field: Field, width: int) -> bytes:
     """Tag of a field, and length where it is text or bytes."""
     if field.category in ("text", "bytes"):
         return varint(field.number << 3 | DELIMITED) + varint(width)
-    wire_type = VARINT if field.category in ("boolean", "enum") else _WIRE_TYPES[np.dtype(field.dtype).newbyteorder("<").str]
+    wire_type = (
+        VARINT
+        if field.category in ("boolean", "enum")
+        else _WIRE_TYPES[np.dtype(field.dtype).newbyteorder("<").str]
+    )
     return varint(field.number << 3 | wire_type)
 
 
@@ -195,8 +250,12 @@ def _format(field: Field, width: int) -> Any:
     return "u1" if field.category == "boolean" else np.dtype(field.dtype).newbyteorder("<")
 
 
-def _classes(widths: Sequence[NDArray[np.int64] | int], rows: int) -> tuple[NDArray[np.intp], list[tuple[int, ...]]]:
-    """Number the distinct combinations of widths: the number of each row ``(n,)``, and the combinations."""
+def _classes(
+    widths: Sequence[NDArray[np.int64] | int], rows: int
+) -> tuple[NDArray[np.intp], list[tuple[int, ...]]]:
+    """Number the distinct combinations of widths: the number of each row ``(n,)``, and the
+    combinations.
+    """
     which, count = np.zeros(rows, np.intp), 1
     for width in widths:
         if not isinstance(width, int) and rows:
@@ -206,7 +265,14 @@ def _classes(widths: Sequence[NDArray[np.int64] | int], rows: int) -> tuple[NDAr
                 count = int(which.max()) + 1
     example = np.zeros(count, np.intp)
     example[which] = np.arange(rows)
-    shapes = [tuple(width if isinstance(width, int) else int(width[row]) for width in widths) for row in example.tolist()] if rows else []
+    shapes = (
+        [
+            tuple(width if isinstance(width, int) else int(width[row]) for width in widths)
+            for row in example.tolist()
+        ]
+        if rows
+        else []
+    )
     return which, shapes
 
 
@@ -214,4 +280,6 @@ def _encoded(name: str, words: Sequence[str] | Sequence[bytes]) -> list[bytes]:
     try:
         return [word.encode() if isinstance(word, str) else word for word in words]
     except UnicodeEncodeError as error:
-        raise RecordingError(f"field {name!r} holds {error.object!r}, which is not valid Unicode") from error
+        raise RecordingError(
+            f"field {name!r} holds {error.object!r}, which is not valid Unicode"
+        ) from error

@@ -1,4 +1,6 @@
-"""Protobuf schemas of channels: ours as MCAP wants them, and what those of other writers' files mean to us."""
+"""Protobuf schemas of channels: ours as MCAP wants them, and what those of other writers' files
+mean to us.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -60,7 +62,8 @@ class Wire:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What a channel is to us: a topic, its kind, the fields that it has of ours, and the file's message class.
+    """What a channel is to us: a topic, its kind, the fields that it has of ours, and the file's
+    message class.
 
     ``is_plain`` says that no field takes the place of another, as the members of a oneof do.
     """
@@ -104,15 +107,29 @@ def reading_of(channel: Channel, schema: Schema | None) -> Reading | None:
         message = _message_of(schema)
     if message is None:
         return None
-    wires = tuple(wire for field in kind.fields.values() if (wire := _wire(field, message.fields_by_name.get(field.name))))
+    wires = tuple(
+        wire
+        for field in kind.fields.values()
+        if (wire := _wire(field, message.fields_by_name.get(field.name)))
+    )
     if not wires:
         return None
-    return Reading(topic, kind, wires, GetMessageClass(message), all(len(oneof.fields) == 1 for oneof in message.oneofs))
+    return Reading(
+        topic,
+        kind,
+        wires,
+        GetMessageClass(message),
+        all(len(oneof.fields) == 1 for oneof in message.oneofs),
+    )
 
 
 def is_derived(channel: Channel, schema: Schema | None) -> bool:
     """Whether a channel is a view that the codec derives from others and never reads back."""
-    return schema is not None and schema.name == LOCATION_FIX and channel.topic.endswith(LOCATION_SUFFIX)
+    return (
+        schema is not None
+        and schema.name == LOCATION_FIX
+        and channel.topic.endswith(LOCATION_SUFFIX)
+    )
 
 
 def _our_topic(topic: str, schema_name: str) -> str | None:
@@ -121,12 +138,16 @@ def _our_topic(topic: str, schema_name: str) -> str | None:
     except RecordingError:
         kinds = [kind for kind in KINDS.values() if kind.message.full_name == schema_name]
         # Pva is the message of two kinds; the reference is known by its topic alone.
-        return f"/{topic.strip('/').replace('/', '_') or 'unnamed'}/{kinds[0].name}" if kinds else None
+        return (
+            f"/{topic.strip('/').replace('/', '_') or 'unnamed'}/{kinds[0].name}" if kinds else None
+        )
     return topic
 
 
 def _message_of(schema: Schema) -> Any | None:
-    """Return the message descriptor that a schema record names, None where its descriptors make no sense."""
+    """Return the message descriptor that a schema record names, None where its descriptors make no
+    sense.
+    """
     pool = DescriptorPool()
     try:
         files = {file.name: file for file in FileDescriptorSet.FromString(schema.data).file}
@@ -148,4 +169,10 @@ def _add(pool: DescriptorPool, files: dict[str, Any], name: str) -> None:
 def _wire(field: Field, theirs: Any | None) -> Wire | None:
     if theirs is None or theirs.is_repeated or theirs.type not in _READABLE[field.category]:
         return None
-    return Wire(field, theirs.number, theirs.type, _READABLE[field.category][theirs.type], theirs.has_presence)
+    return Wire(
+        field,
+        theirs.number,
+        theirs.type,
+        _READABLE[field.category][theirs.type],
+        theirs.has_presence,
+    )

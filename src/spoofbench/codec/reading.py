@@ -25,19 +25,20 @@ Result = TypeVar("Result")
 
 
 def read(path: Path, limits: Limits = Limits()) -> Recording:  # noqa: B008
-    """Open a recording; a topic's rows are read when it is first used, which checks their checksums.
+    """Open a recording; a topic's rows are read when it is first used, which checks their
+    checksums.
 
-    Topics of the schema are found by name or by the message ``spoofbench.schema.v1.*`` of their channel, in
-    files of any writer. What else the file holds is listed in the metadata record ``unread``: the topic, and
-    what its messages are. A file that was cut off gives its complete chunks and a metadata record ``damage``.
+    Topics of the schema are found by name or by the message ``spoofbench.schema.v1.*`` of their
+    channel, in files of any writer. What else the file holds is listed in the metadata record
+    ``unread``: the topic, and what its messages are. A file that was cut off gives its complete
+    chunks and a metadata record ``damage``.
 
     Args:
         path: of the file; while topics are unread it stays open.
         limits: on what the file may ask for.
 
-    Raises:
-        FormatError: the file cannot be read, is no MCAP file, or is damaged; also when a topic is first used.
-        LimitError: it asks for more than the limits allow.
+    Raises: FormatError: the file cannot be read, is no MCAP file, or is damaged; also when a topic
+        is first used. LimitError: it asks for more than the limits allow.
     """
     found = survey(Path(path), limits)
     readings, unread = readings_of(found)
@@ -45,8 +46,13 @@ def read(path: Path, limits: Limits = Limits()) -> Recording:  # noqa: B008
     for channel, reading in readings.items():
         by_topic.setdefault(reading.topic, {})[channel] = reading
     notes = {"unread": unread, "damage": found.damage}
-    metadata = {**found.metadata, **{name: {**found.metadata.get(name, {}), **note} for name, note in notes.items() if note}}
-    return Recording({topic: _Lazy(found, channels, limits) for topic, channels in by_topic.items()}, metadata)
+    metadata = {
+        **found.metadata,
+        **{name: {**found.metadata.get(name, {}), **note} for name, note in notes.items() if note},
+    }
+    return Recording(
+        {topic: _Lazy(found, channels, limits) for topic, channels in by_topic.items()}, metadata
+    )
 
 
 def readings_of(found: Survey) -> tuple[dict[int, Reading], dict[str, str]]:
@@ -59,16 +65,24 @@ def readings_of(found: Survey) -> tuple[dict[int, Reading], dict[str, str]]:
     for channel in found.channels.values():
         schema = found.schemas.get(channel.schema_id)
         if schema is None and channel.schema_id:
-            raise FormatError(f"channel {channel.topic!r} of {str(found.path)!r} has no schema {channel.schema_id!r}")
+            raise FormatError(
+                f"channel {channel.topic!r} of {str(found.path)!r} has no schema "
+                f"{channel.schema_id!r}"
+            )
         reading = reading_of(channel, schema)
         if reading is not None:
             readings[channel.id] = reading
         elif not is_derived(channel, schema):
-            unread[channel.topic] = f"{schema.name if schema else 'no schema'} ({channel.message_encoding})"
+            unread[channel.topic] = (
+                f"{schema.name if schema else 'no schema'} ({channel.message_encoding})"
+            )
     for section in found.sections:
         strangers = section.channels - found.channels.keys()
         if strangers:
-            raise FormatError(f"{str(found.path)!r} has messages of channel {min(strangers)!r}, which it does not define")
+            raise FormatError(
+                f"{str(found.path)!r} has messages of channel {min(strangers)!r}, which it does "
+                "not define"
+            )
     return readings, unread
 
 
@@ -107,20 +121,27 @@ def load(found: Survey, readings: Mapping[int, Reading], limits: Limits) -> Tabl
             counts[channel] += part.starts.size
             check_count(found, counts.total(), limits)
             values = decoders[channel].decode(part, repr(str(found.path)))
-            gathered.add(times_of(found, part), values, part.starts + place if len(readings) > 1 else None)
+            gathered.add(
+                times_of(found, part), values, part.starts + place if len(readings) > 1 else None
+            )
         place += messages.buffer.size
     if found.statistics is not None and not found.damage:
         for channel in readings:
             declared = found.statistics.channel_message_counts.get(channel, 0)
             if declared != counts[channel]:
-                raise FormatError(f"{str(found.path)!r} declares {declared!r} messages of channel {channel!r} and holds {counts[channel]}")
+                raise FormatError(
+                    f"{str(found.path)!r} declares {declared!r} messages of channel {channel!r} "
+                    f"and holds {counts[channel]}"
+                )
     return gathered.table()
 
 
 def check_count(found: Survey, messages: int, limits: Limits) -> None:
     """Raise LimitError where these are more messages than the limits allow."""
     if messages > limits.messages:
-        raise LimitError(f"{str(found.path)!r} holds more than the {limits.messages} messages that are allowed")
+        raise LimitError(
+            f"{str(found.path)!r} holds more than the {limits.messages} messages that are allowed"
+        )
 
 
 def times_of(found: Survey, messages: Messages) -> NDArray[np.int64]:
@@ -129,10 +150,13 @@ def times_of(found: Survey, messages: Messages) -> NDArray[np.int64]:
     Raises:
         FormatError: one is beyond the year 2262.
     """
-    times: NDArray[np.int64] = gather(messages.buffer, "<u8", messages.starts + LOG_TIME).view(np.int64)
+    times: NDArray[np.int64] = gather(messages.buffer, "<u8", messages.starts + LOG_TIME).view(
+        np.int64
+    )
     if times.size and times.min() < 0:
         raise FormatError(
-            f"{str(found.path)!r} holds a message that is stamped {int(times.view(np.uint64).max())!r} ns, beyond the year 2262"
+            f"{str(found.path)!r} holds a message that is stamped "
+            f"{int(times.view(np.uint64).max())!r} ns, beyond the year 2262"
         )
     return times
 
@@ -143,11 +167,21 @@ def by_channel(messages: Messages) -> Iterator[tuple[int, Messages]]:
         if rows is None:
             yield channel, messages
         else:
-            yield channel, Messages(messages.buffer, messages.starts[rows], messages.sizes[rows], messages.channels[rows])
+            yield (
+                channel,
+                Messages(
+                    messages.buffer,
+                    messages.starts[rows],
+                    messages.sizes[rows],
+                    messages.channels[rows],
+                ),
+            )
 
 
 def ahead(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """Map in order, a few items ahead in threads, so that unpacking overlaps with what is done with the results."""
+    """Map in order, a few items ahead in threads, so that unpacking overlaps with what is done with
+    the results.
+    """
     with ThreadPoolExecutor(_THREADS) as pool:
         under_way: deque[Future[Result]] = deque()
         try:

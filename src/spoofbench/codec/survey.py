@@ -34,7 +34,9 @@ _FOOTER_BYTES = RECORD.size + 20 + len(MCAP0_MAGIC)
 
 @dataclass(slots=True)
 class ChunkSection:
-    """A chunk, its message indexes (channel, and where the entries are), and the channels that it has messages of."""
+    """A chunk, its message indexes (channel, and where the entries are), and the channels that it
+    has messages of.
+    """
 
     chunk: Chunk
     indexes: list[tuple[int, slice]] = field(default_factory=list)
@@ -57,8 +59,8 @@ class Survey:
     """What a file holds.
 
     ``records`` are opcode, offset and length of what stands at the top level, loose messages aside.
-    ``statistics`` is None where the file has none. ``damage`` says what was wrong with a file that was cut
-    off; of a whole file it is empty.
+    ``statistics`` is None where the file has none. ``damage`` says what was wrong with a file that
+    was cut off; of a whole file it is empty.
     """
 
     path: Path
@@ -87,7 +89,9 @@ class Survey:
         Raises:
             FormatError: the chunk is damaged.
         """
-        return chunk_contents(self.buffer, section.chunk, [entries for _, entries in section.indexes])
+        return chunk_contents(
+            self.buffer, section.chunk, [entries for _, entries in section.indexes]
+        )
 
 
 def survey(path: Path, limits: Limits) -> Survey:
@@ -102,12 +106,18 @@ def survey(path: Path, limits: Limits) -> Survey:
     buffer = map_file(path)
     found = Survey(path, buffer)
     if bytes(buffer[: len(MCAP0_MAGIC)]) != MCAP0_MAGIC:
-        raise FormatError(f"{str(path)!r} is not an MCAP file: it does not begin with the magic bytes")
-    is_whole = buffer.size >= 2 * len(MCAP0_MAGIC) and bytes(buffer[-len(MCAP0_MAGIC) :]) == MCAP0_MAGIC
+        raise FormatError(
+            f"{str(path)!r} is not an MCAP file: it does not begin with the magic bytes"
+        )
+    is_whole = (
+        buffer.size >= 2 * len(MCAP0_MAGIC) and bytes(buffer[-len(MCAP0_MAGIC) :]) == MCAP0_MAGIC
+    )
     end = buffer.size - len(MCAP0_MAGIC) if is_whole else buffer.size
     starts, stop = record_starts(buffer, len(MCAP0_MAGIC), end)
     if is_whole and stop != end:
-        raise FormatError(f"{str(path)!r} is damaged: the record at byte {stop} does not end within the file")
+        raise FormatError(
+            f"{str(path)!r} is damaged: the record at byte {stop} does not end within the file"
+        )
     if not is_whole:
         found.damage = {
             "truncated": f"the file has no end; its complete records up to byte {stop} were read",
@@ -119,7 +129,10 @@ def survey(path: Path, limits: Limits) -> Survey:
     _check_limits(found, limits)
     _survey_chunks(found, is_whole, limits)
     if len(found.channels) > limits.channels:
-        raise LimitError(f"{str(found.path)!r} has {len(found.channels)} channels where at most {limits.channels} are allowed")
+        raise LimitError(
+            f"{str(found.path)!r} has {len(found.channels)} channels where at most "
+            f"{limits.channels} are allowed"
+        )
     return found
 
 
@@ -129,7 +142,10 @@ def _visit(found: Survey, starts: NDArray[np.int64], limits: Limits) -> None:
     is_message = buffer[starts] == Opcode.MESSAGE
     loose, others = starts[is_message], starts[~is_message]
     if others.size > limits.records:
-        raise LimitError(f"{str(found.path)!r} holds {others.size} records where at most {limits.records} are allowed")
+        raise LimitError(
+            f"{str(found.path)!r} holds {others.size} records where at most {limits.records} are "
+            "allowed"
+        )
     text_bytes = taken = 0
     for start in others.tolist():
         opcode, length = RECORD.unpack_from(buffer.data, start)
@@ -142,7 +158,10 @@ def _visit(found: Survey, starts: NDArray[np.int64], limits: Limits) -> None:
         elif opcode in _TEXTS:
             text_bytes += length
             if text_bytes > limits.text_bytes:
-                raise LimitError(f"{str(found.path)!r} holds more than {limits.text_bytes} bytes of schemas, channels and metadata")
+                raise LimitError(
+                    f"{str(found.path)!r} holds more than {limits.text_bytes} bytes of schemas, "
+                    "channels and metadata"
+                )
             _visit_text(found, opcode, start)
     _take_loose(found, loose, taken, buffer.size)
 
@@ -165,7 +184,9 @@ def _take_loose(found: Survey, loose: NDArray[np.int64], taken: int, before: int
 
 
 def _visit_index(found: Survey, start: int, length: int) -> None:
-    """Note a message index as a hint for the chunk before it; one that makes no sense is no hint."""
+    """Note a message index as a hint for the chunk before it; one that makes no sense is no
+    hint.
+    """
     chunk = found.sections[-1] if found.sections else None
     begin = start + RECORD.size
     if isinstance(chunk, ChunkSection) and length >= _INDEX.size:
@@ -193,7 +214,10 @@ def _learn_definition(found: Survey, record: Schema | Channel) -> None:
     """
     known: dict[int, Any] = found.schemas if isinstance(record, Schema) else found.channels
     if known.setdefault(record.id, record) != record:
-        raise FormatError(f"{str(found.path)!r} has two {type(record).__name__.lower()}s with the id {record.id!r}")
+        raise FormatError(
+            f"{str(found.path)!r} has two {type(record).__name__.lower()}s with the id "
+            f"{record.id!r}"
+        )
 
 
 def _check_summary(found: Survey, footer_at: int) -> None:
@@ -203,8 +227,14 @@ def _check_summary(found: Survey, footer_at: int) -> None:
     footer = parse(Footer, buffer, footer_at, repr(path))
     if footer.summary_crc:
         begin = footer.summary_start or footer_at
-        if begin > footer_at or zlib.crc32(buffer[begin : footer_at + RECORD.size + 16].data) != footer.summary_crc:
-            raise FormatError(f"{path!r} is damaged: the checksum of its summary at byte {begin} is not {footer.summary_crc!r}")
+        if (
+            begin > footer_at
+            or zlib.crc32(buffer[begin : footer_at + RECORD.size + 16].data) != footer.summary_crc
+        ):
+            raise FormatError(
+                f"{path!r} is damaged: the checksum of its summary at byte {begin} is not "
+                f"{footer.summary_crc!r}"
+            )
     if any(isinstance(section, LooseSection) for section in found.sections):
         check_data_section(found)
 
@@ -220,24 +250,39 @@ def check_data_section(found: Survey) -> None:
         raise FormatError(f"{str(found.path)!r} is damaged: its data section has no end")
     end = parse(DataEnd, found.buffer, ends[0], repr(str(found.path)))
     if end.data_section_crc and zlib.crc32(found.buffer[: ends[0]].data) != end.data_section_crc:
-        raise FormatError(f"{str(found.path)!r} is damaged: the checksum of its data section is not {end.data_section_crc!r}")
+        raise FormatError(
+            f"{str(found.path)!r} is damaged: the checksum of its data section is not "
+            f"{end.data_section_crc!r}"
+        )
 
 
 def _check_limits(found: Survey, limits: Limits) -> None:
-    total = sum(section.chunk.size for section in found.sections if isinstance(section, ChunkSection))
+    total = sum(
+        section.chunk.size for section in found.sections if isinstance(section, ChunkSection)
+    )
     if total > limits.total_bytes:
-        raise LimitError(f"{str(found.path)!r} declares {total!r} bytes in chunks where at most {limits.total_bytes} are allowed")
+        raise LimitError(
+            f"{str(found.path)!r} declares {total!r} bytes in chunks where at most "
+            f"{limits.total_bytes} are allowed"
+        )
     messages = max(
         found.statistics.message_count if found.statistics else 0,
         sum(section.starts.size for section in found.sections if isinstance(section, LooseSection)),
     )
     if messages > limits.messages:
-        raise LimitError(f"{str(found.path)!r} declares {messages!r} messages where at most {limits.messages} are allowed")
+        raise LimitError(
+            f"{str(found.path)!r} declares {messages!r} messages where at most {limits.messages} "
+            "are allowed"
+        )
 
 
 def _survey_chunks(found: Survey, is_whole: bool, limits: Limits) -> None:
     """Unpack the chunks whose channels no index tells, for the channels in them."""
-    is_indexed = is_whole and found.statistics is not None and found.statistics.channel_count == len(found.channels)
+    is_indexed = (
+        is_whole
+        and found.statistics is not None
+        and found.statistics.channel_count == len(found.channels)
+    )
     others = len(found.records)
     for section in found.sections:
         if isinstance(section, ChunkSection) and section.chunk.size:
@@ -246,7 +291,10 @@ def _survey_chunks(found: Survey, is_whole: bool, limits: Limits) -> None:
             contents = chunk_contents(found.buffer, section.chunk)
             others += contents.others.size
             if others > limits.records:
-                raise LimitError(f"{str(found.path)!r} holds {others} records where at most {limits.records} are allowed")
+                raise LimitError(
+                    f"{str(found.path)!r} holds {others} records where at most {limits.records} "
+                    "are allowed"
+                )
             learn_definitions(found, contents)
             section.channels = set(np.unique(contents.messages.channels).tolist())
 
@@ -261,4 +309,6 @@ def learn_definitions(found: Survey, contents: Contents) -> None:
     for start in contents.others.tolist():
         opcode = int(records[start])
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            _learn_definition(found, parse(_TEXTS[opcode], records, start, f"a chunk of {str(found.path)!r}"))
+            _learn_definition(
+                found, parse(_TEXTS[opcode], records, start, f"a chunk of {str(found.path)!r}")
+            )

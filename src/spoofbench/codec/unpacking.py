@@ -1,8 +1,8 @@
 """Message records to columns, whole runs of rows at a time.
 
-The layout of one message is learned by walking it; then the tags, the text lengths and the continuation bits
-of all rows of that size are compared with it, and those that agree are columns at constant offsets. What is
-left after a few layouts goes through the official protobuf decoder.
+The layout of one message is learned by walking it; then the tags, the text lengths and the
+continuation bits of all rows of that size are compared with it, and those that agree are columns at
+constant offsets. What is left after a few layouts goes through the official protobuf decoder.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,11 @@ _KNOWN = 64  # kept per size
 _CONSTANT = 2000  # bytes of a layout; beyond it the official decoder is quicker
 _FEW = 16  # rows that are decoded one by one sooner than their layout is learned
 _SIGNED = {FieldDescriptor.TYPE_INT64, FieldDescriptor.TYPE_SFIXED64}
-_NARROW = {FieldDescriptor.TYPE_INT32: np.int32, FieldDescriptor.TYPE_ENUM: np.int32, FieldDescriptor.TYPE_UINT32: np.uint32}
+_NARROW = {
+    FieldDescriptor.TYPE_INT32: np.int32,
+    FieldDescriptor.TYPE_ENUM: np.int32,
+    FieldDescriptor.TYPE_UINT32: np.uint32,
+}
 _FIXED = {
     FieldDescriptor.TYPE_DOUBLE: "<f8",
     FieldDescriptor.TYPE_FLOAT: "<f4",
@@ -52,7 +56,9 @@ class _Layout:
 
 
 def _varint(data: bytes, at: int, most: int) -> tuple[int, int] | None:
-    """Return value and end of a varint of at most so many bytes, None where it is longer or cut off."""
+    """Return value and end of a varint of at most so many bytes, None where it is longer or cut
+    off.
+    """
     value = 0
     for index, byte in enumerate(data[at : at + most]):
         value |= (byte & 0x7F) << 7 * index
@@ -62,7 +68,9 @@ def _varint(data: bytes, at: int, most: int) -> tuple[int, int] | None:
 
 
 def _learn(record: bytes, wires: dict[tuple[int, int], Wire]) -> _Layout | None:
-    """Learn the layout of one message record; None where only the official decoder can tell what it holds."""
+    """Learn the layout of one message record; None where only the official decoder can tell what it
+    holds.
+    """
     constant: list[tuple[int, int, int]] = []
     fields: dict[int, tuple[Wire, int, int]] = {}
     at = MESSAGE.itemsize
@@ -94,7 +102,9 @@ def _learn(record: bytes, wires: dict[tuple[int, int], Wire]) -> _Layout | None:
         head = value if wire_type == DELIMITED else tag[1]
         constant += [(column, 0xFF, record[column]) for column in range(begin, head)]
         if wire_type == VARINT:
-            constant += [(column, 0x80, record[column] & 0x80) for column in range(value, min(at, value + 9))]
+            constant += [
+                (column, 0x80, record[column] & 0x80) for column in range(value, min(at, value + 9))
+            ]
             constant += [(column, 0xFE, 0) for column in range(value + 9, at)]
         if (number, wire_type) in wires:
             fields[number] = wires[number, wire_type], value, at - value
@@ -119,7 +129,9 @@ class Decoder:
         rows = messages.starts.size
         parts: list[tuple[NDArray[np.intp] | None, dict[str, Values]]] = []
         for size, which in groups(messages.sizes):
-            block = _block(messages.buffer, messages.starts if which is None else messages.starts[which], size)
+            block = _block(
+                messages.buffer, messages.starts if which is None else messages.starts[which], size
+            )
             parts += self._peel(block, which, where)
         if len(parts) == 1 and parts[0][0] is None:
             return parts[0][1]
@@ -128,7 +140,9 @@ class Decoder:
     def _peel(
         self, block: NDArray[np.uint8], which: NDArray[np.intp] | None, where: str
     ) -> list[tuple[NDArray[np.intp] | None, dict[str, Values]]]:
-        """Decode equally long records ``(n, size)``: rows of one layout at a time, the rest one by one."""
+        """Decode equally long records ``(n, size)``: rows of one layout at a time, the rest one by
+        one.
+        """
         known = self._known.setdefault(block.shape[1], [])
         parts: list[tuple[NDArray[np.intp] | None, dict[str, Values]]] = []
         first_new = len(known)
@@ -165,7 +179,9 @@ class Decoder:
 
     def _codes(self, field: Field, values: list[bytes]) -> NDArray[np.int32]:
         words = self._words[field.name]
-        return np.fromiter((words.setdefault(value, len(words)) for value in values), np.int32, len(values))
+        return np.fromiter(
+            (words.setdefault(value, len(words)) for value in values), np.int32, len(values)
+        )
 
     def _value(self, block: NDArray[np.uint8], wire: Wire, column: int, width: int) -> NDArray[Any]:
         rows, size = block.shape
@@ -173,7 +189,11 @@ class Decoder:
             fixed: NDArray[Any] = np.ndarray(rows, _FIXED[wire.type], block.data, column, (size,))
             return _cast(fixed, wire.field)
         if wire.wire_type == DELIMITED:
-            texts: list[bytes] = np.ndarray(rows, f"V{width}", block.data, column, (size,)).tolist() if width else [b""] * rows
+            texts: list[bytes] = (
+                np.ndarray(rows, f"V{width}", block.data, column, (size,)).tolist()
+                if width
+                else [b""] * rows
+            )
             return self._codes(wire.field, texts)
         number = np.zeros(rows, np.uint64)
         for index in range(width):
@@ -188,26 +208,44 @@ class Decoder:
             try:
                 message.ParseFromString(row[MESSAGE.itemsize :].tobytes())
             except DecodeError as error:
-                raise FormatError(f"{where} holds a message that is no {self._reading.kind.message.full_name}: {error}") from error
+                raise FormatError(
+                    f"{where} holds a message that is no {self._reading.kind.message.full_name}: "
+                    f"{error}"
+                ) from error
             for wire in self._reading.wires:
                 absent = wire.has_presence and not message.HasField(wire.field.name)
-                columns[wire.field.name].append(None if absent else getattr(message, wire.field.name))
-        return {wire.field.name: self._column(wire.field, columns[wire.field.name]) for wire in self._reading.wires}
+                columns[wire.field.name].append(
+                    None if absent else getattr(message, wire.field.name)
+                )
+        return {
+            wire.field.name: self._column(wire.field, columns[wire.field.name])
+            for wire in self._reading.wires
+        }
 
     def _column(self, field: Field, values: list[Any]) -> Values:
         valid = np.array([value is not None for value in values], bool)
         if field.name in self._words:
-            given = [value.encode() if isinstance(value, str) else value for value in values if value is not None]
+            given = [
+                value.encode() if isinstance(value, str) else value
+                for value in values
+                if value is not None
+            ]
             codes = np.full(len(values), -1, np.int32)
             codes[valid] = self._codes(field, given)
             return codes, valid
         if field.category == "float":
-            return np.array([np.nan if value is None else value for value in values], field.dtype), None
-        return _cast(np.array([0 if value is None else value for value in values], object), field), valid
+            return np.array(
+                [np.nan if value is None else value for value in values], field.dtype
+            ), None
+        return _cast(
+            np.array([0 if value is None else value for value in values], object), field
+        ), valid
 
 
 def _block(buffer: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> NDArray[np.uint8]:
-    """Return equally long records as rows ``(n, size)``; without a copy where they follow each other."""
+    """Return equally long records as rows ``(n, size)``; without a copy where they follow each
+    other.
+    """
     first, last = int(starts[0]), int(starts[-1])
     if last - first == (starts.size - 1) * size:
         return buffer[first : last + size].reshape(-1, size)
@@ -221,7 +259,9 @@ def _integers(number: NDArray[np.uint64], declared: int) -> NDArray[Any]:
     if declared in (FieldDescriptor.TYPE_SINT32, FieldDescriptor.TYPE_SINT64):
         if declared == FieldDescriptor.TYPE_SINT32:
             number = number & np.uint64(0xFFFFFFFF)
-        return np.asarray((number >> np.uint64(1)).view(np.int64) ^ -(number & np.uint64(1)).view(np.int64))
+        return np.asarray(
+            (number >> np.uint64(1)).view(np.int64) ^ -(number & np.uint64(1)).view(np.int64)
+        )
     if declared in _SIGNED:
         return number.view(np.int64)
     if declared in _NARROW:
@@ -237,13 +277,17 @@ def _cast(values: NDArray[Any], field: Field) -> NDArray[Any]:
         with np.errstate(over="ignore", invalid="ignore"):
             cast = values.astype(dtype)
     except OverflowError as error:
-        raise FormatError(f"field {field.name!r} holds a value that does not fit {dtype}") from error
+        raise FormatError(
+            f"field {field.name!r} holds a value that does not fit {dtype}"
+        ) from error
     if dtype.kind != "f" and not np.array_equal(cast, values):
         raise FormatError(f"field {field.name!r} holds a value that does not fit {dtype}")
     return cast
 
 
-def _assembled(rows: int, parts: list[tuple[NDArray[np.intp] | None, dict[str, Values]]]) -> dict[str, Values]:
+def _assembled(
+    rows: int, parts: list[tuple[NDArray[np.intp] | None, dict[str, Values]]]
+) -> dict[str, Values]:
     """Put the parts' rows in their places."""
     values: dict[str, NDArray[Any]] = {}
     valid: dict[str, NDArray[np.bool_]] = {}

@@ -1,4 +1,6 @@
-"""A whole MCAP file checked: structure, checksums, indexes, statistics, and that every row of ours decodes."""
+"""A whole MCAP file checked: structure, checksums, indexes, statistics, and that every row of ours
+decodes.
+"""
 
 import zlib
 from collections import Counter
@@ -8,16 +10,41 @@ from typing import Any
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Attachment, AttachmentIndex, ChunkIndex, Footer, Header, Metadata, MetadataIndex, SummaryOffset
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    ChunkIndex,
+    Footer,
+    Header,
+    Metadata,
+    MetadataIndex,
+    SummaryOffset,
+)
 
 from spoofbench.codec.columns import decoded
 from spoofbench.codec.container import INDEX_ENTRY, RECORD, Contents, Limits, Messages, parse
 from spoofbench.codec.reading import ahead, by_channel, check_count, readings_of, times_of
-from spoofbench.codec.survey import ChunkSection, LooseSection, Section, Survey, check_data_section, learn_definitions, survey
+from spoofbench.codec.survey import (
+    ChunkSection,
+    LooseSection,
+    Section,
+    Survey,
+    check_data_section,
+    learn_definitions,
+    survey,
+)
 from spoofbench.codec.unpacking import Decoder
 from spoofbench.errors import FormatError
 
-_DATA = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END}
+_DATA = {
+    Opcode.SCHEMA,
+    Opcode.CHANNEL,
+    Opcode.CHUNK,
+    Opcode.MESSAGE_INDEX,
+    Opcode.ATTACHMENT,
+    Opcode.METADATA,
+    Opcode.DATA_END,
+}
 _SUMMARY = {
     Opcode.SCHEMA,
     Opcode.CHANNEL,
@@ -32,7 +59,8 @@ _PRIVATE = 0x80
 
 
 def validate(path: Path, limits: Limits = Limits()) -> None:  # noqa: B008
-    """Check a whole file: magic, record structure, checksums, indexes, statistics, and that every row of ours decodes.
+    """Check a whole file: magic, record structure, checksums, indexes, statistics, and that every
+    row of ours decodes.
 
     Args:
         path: of the file.
@@ -58,7 +86,11 @@ def _wrong(found: Survey, offset: int, reason: str) -> FormatError:
 
 def _records(found: Survey, *opcodes: Opcode) -> Iterator[tuple[int, int]]:
     """Offset and whole length of the top-level records with these opcodes."""
-    return ((start, RECORD.size + length) for opcode, start, length in found.records if opcode in opcodes)
+    return (
+        (start, RECORD.size + length)
+        for opcode, start, length in found.records
+        if opcode in opcodes
+    )
 
 
 def _check_order(found: Survey) -> None:
@@ -81,12 +113,16 @@ def _check_order(found: Survey) -> None:
 
 
 def _check_messages(found: Survey, limits: Limits) -> tuple[Counter[int], tuple[int, int] | None]:
-    """Check every message: the number of each channel's, and the first and last time, None where there is none."""
+    """Check every message: the number of each channel's, and the first and last time, None where
+    there is none.
+    """
     decoders: dict[int, Decoder] = {}
     words: list[tuple[Any, dict[bytes, int]]] = []
     readings = readings_of(found)[0]
     for channel, reading in readings.items():
-        own: dict[str, dict[bytes, int]] = {f.name: {} for f in reading.kind.fields.values() if f.category in ("text", "bytes")}
+        own: dict[str, dict[bytes, int]] = {
+            f.name: {} for f in reading.kind.fields.values() if f.category in ("text", "bytes")
+        }
         decoders[channel] = Decoder(reading, own)
         words += [(reading.kind.fields[name], own[name]) for name in own]
     counts: Counter[int] = Counter()
@@ -94,7 +130,9 @@ def _check_messages(found: Survey, limits: Limits) -> tuple[Counter[int], tuple[
 
     def contents(section: Section) -> tuple[Section, Contents]:
         others = np.empty(0, np.int64)
-        return section, found.contents(section) if isinstance(section, ChunkSection) else Contents(found.messages(section), others)
+        return section, found.contents(section) if isinstance(section, ChunkSection) else Contents(
+            found.messages(section), others
+        )
 
     for section, content in ahead(contents, found.sections):
         messages = content.messages
@@ -105,14 +143,20 @@ def _check_messages(found: Survey, limits: Limits) -> tuple[Counter[int], tuple[
             spans.append((int(times.min()), int(times.max())))
         for channel, part in by_channel(messages):
             if channel not in found.channels:
-                raise FormatError(f"{str(found.path)!r} has messages of channel {channel!r}, which it does not define")
+                raise FormatError(
+                    f"{str(found.path)!r} has messages of channel {channel!r}, which it does not "
+                    "define"
+                )
             counts[channel] += part.starts.size
             check_count(found, counts.total(), limits)
             if channel in decoders:
                 decoders[channel].decode(part, repr(str(found.path)))
     for field, own_words in words:
         decoded(field, own_words)
-    return counts, (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
+    return counts, (
+        min(first for first, _ in spans),
+        max(last for _, last in spans),
+    ) if spans else None
 
 
 def _check_chunk(found: Survey, section: ChunkSection, contents: Contents) -> None:
@@ -120,11 +164,19 @@ def _check_chunk(found: Survey, section: ChunkSection, contents: Contents) -> No
     chunk, messages = section.chunk, contents.messages
     for start in contents.others.tolist():
         if messages.buffer[start] not in (Opcode.SCHEMA, Opcode.CHANNEL):
-            raise _wrong(found, chunk.offset, f"the chunk holds a record with opcode {int(messages.buffer[start])!r}")
+            raise _wrong(
+                found,
+                chunk.offset,
+                f"the chunk holds a record with opcode {int(messages.buffer[start])!r}",
+            )
     learn_definitions(found, contents)
     times = times_of(found, messages)
     if times.size and (chunk.start_ns, chunk.end_ns) != (times.min(), times.max()):
-        raise _wrong(found, chunk.offset, f"the chunk does not span {chunk.start_ns!r} to {chunk.end_ns!r} ns as it says")
+        raise _wrong(
+            found,
+            chunk.offset,
+            f"the chunk does not span {chunk.start_ns!r} to {chunk.end_ns!r} ns as it says",
+        )
     if section.indexes:
         _check_message_index(found, section, messages)
 
@@ -132,14 +184,25 @@ def _check_chunk(found: Survey, section: ChunkSection, contents: Contents) -> No
 def _check_message_index(found: Survey, section: ChunkSection, messages: Messages) -> None:
     times = times_of(found, messages)
     indexed = dict(section.indexes)
-    if len(indexed) != len(section.indexes) or indexed.keys() != set(np.unique(messages.channels).tolist()):
-        raise _wrong(found, section.chunk.offset, "the chunk's message indexes are not those of its channels")
+    if len(indexed) != len(section.indexes) or indexed.keys() != set(
+        np.unique(messages.channels).tolist()
+    ):
+        raise _wrong(
+            found, section.chunk.offset, "the chunk's message indexes are not those of its channels"
+        )
     for channel, where in indexed.items():
         entries = np.frombuffer(found.buffer[where], INDEX_ENTRY)
         entries = entries[np.argsort(entries["offset"], kind="stable")]
         mine = messages.channels == channel
-        if not (np.array_equal(entries["offset"], messages.starts[mine]) and np.array_equal(entries["time"], times[mine])):
-            raise _wrong(found, where.start, f"the message index of channel {channel!r} does not say where its messages are")
+        if not (
+            np.array_equal(entries["offset"], messages.starts[mine])
+            and np.array_equal(entries["time"], times[mine])
+        ):
+            raise _wrong(
+                found,
+                where.start,
+                f"the message index of channel {channel!r} does not say where its messages are",
+            )
 
 
 def _check_statistics(found: Survey, counts: Counter[int], span: tuple[int, int] | None) -> None:
@@ -159,11 +222,15 @@ def _check_statistics(found: Survey, counts: Counter[int], span: tuple[int, int]
         "channel_message_counts": dict(counts),
     }
     stated = {name: getattr(statistics, name) for name in truth}
-    stated["channel_message_counts"] = {channel: count for channel, count in statistics.channel_message_counts.items() if count}
+    stated["channel_message_counts"] = {
+        channel: count for channel, count in statistics.channel_message_counts.items() if count
+    }
     for name, value in truth.items():
         if stated[name] != value:
             start = next(start for start, _ in _records(found, Opcode.STATISTICS))
-            raise _wrong(found, start, f"the statistics state {name} {stated[name]!r} where it is {value!r}")
+            raise _wrong(
+                found, start, f"the statistics state {name} {stated[name]!r} where it is {value!r}"
+            )
 
 
 def _check_indexes(found: Survey) -> None:
@@ -176,7 +243,10 @@ def _check_indexes(found: Survey) -> None:
         for start, length in _records(found, opcode):
             named[start] = parse(record, found.buffer, start, where).name
             _check_attachment(found, opcode, start, length)
-    for opcode, index in ((Opcode.METADATA_INDEX, MetadataIndex), (Opcode.ATTACHMENT_INDEX, AttachmentIndex)):
+    for opcode, index in (
+        (Opcode.METADATA_INDEX, MetadataIndex),
+        (Opcode.ATTACHMENT_INDEX, AttachmentIndex),
+    ):
         for start, _ in _records(found, opcode):
             entry = parse(index, found.buffer, start, where)
             if (lengths.get(entry.offset), named.get(entry.offset)) != (entry.length, entry.name):
@@ -192,13 +262,20 @@ def _check_attachment(found: Survey, opcode: Opcode, start: int, length: int) ->
 
 
 def _check_chunk_indexes(found: Survey) -> None:
-    entries = [(start, parse(ChunkIndex, found.buffer, start, repr(str(found.path)))) for start, _ in _records(found, Opcode.CHUNK_INDEX)]
+    entries = [
+        (start, parse(ChunkIndex, found.buffer, start, repr(str(found.path))))
+        for start, _ in _records(found, Opcode.CHUNK_INDEX)
+    ]
     if not entries:
         return
     truth = {index.chunk_start_offset: index for index in _true_chunk_indexes(found)}
     for start, entry in entries:
         if truth.pop(entry.chunk_start_offset, None) != entry:
-            raise _wrong(found, start, f"the index of the chunk at byte {entry.chunk_start_offset!r} is not true of it")
+            raise _wrong(
+                found,
+                start,
+                f"the index of the chunk at byte {entry.chunk_start_offset!r} is not true of it",
+            )
     if truth:
         raise _wrong(found, min(truth), "the summary has no index of the chunk")
 
@@ -238,11 +315,27 @@ def _check_summary_offsets(found: Survey) -> None:
     footer_at = found.records[-1][1]
     footer = parse(Footer, found.buffer, footer_at, where)
     if footer.summary_start != (data_end if data_end < footer_at else 0):
-        raise _wrong(found, footer_at, f"the footer says that the summary starts at byte {footer.summary_start!r}, not {data_end}")
+        raise _wrong(
+            found,
+            footer_at,
+            (
+                f"the footer says that the summary starts at byte {footer.summary_start!r}, not "
+                f"{data_end}"
+            ),
+        )
     for start, _ in _records(found, Opcode.SUMMARY_OFFSET):
         group = parse(SummaryOffset, found.buffer, start, where)
         at, end = group.group_start, group.group_start + group.group_length
-        while at < end and at > data_end - 1 and summary.get(at, (None, 0))[0] == group.group_opcode:
+        while (
+            at < end and at > data_end - 1 and summary.get(at, (None, 0))[0] == group.group_opcode
+        ):
             at += summary[at][1]
         if at != end:
-            raise _wrong(found, start, f"the summary offset of opcode {group.group_opcode!r} does not say where its records are")
+            raise _wrong(
+                found,
+                start,
+                (
+                    f"the summary offset of opcode {group.group_opcode!r} does not say where its "
+                    "records are"
+                ),
+            )

@@ -1,4 +1,6 @@
-"""Tables to an MCAP file: chunks of about 1 MiB, compressed by a small pool of threads, written in order."""
+"""Tables to an MCAP file: chunks of about 1 MiB, compressed by a small pool of threads, written in
+order.
+"""
 
 import contextlib
 import os
@@ -46,8 +48,9 @@ class _Chunk:
 class Writer:
     """Writes a recording piece by piece in bounded memory; a context manager.
 
-    The file appears under its name when the block ends, and not at all when it ends by an exception. The
-    bytes depend on the rows in the order of the calls, not on how they were cut into pieces.
+    The file appears under its name when the block ends, and not at all when it ends by an
+    exception. The bytes depend on the rows in the order of the calls, not on how they were cut into
+    pieces.
 
     Args:
         path: of the file; its folder must exist.
@@ -83,21 +86,31 @@ class Writer:
         try:
             self._stream: IO[bytes] = self._temporary.open("wb")
         except OSError as error:
-            raise RecordingError(f"{str(self._path)!r} cannot be written: {error.strerror}; choose a folder that exists") from error
+            raise RecordingError(
+                f"{str(self._path)!r} cannot be written: {error.strerror}; choose a folder that "
+                "exists"
+            ) from error
         self._pool = ThreadPoolExecutor(_THREADS)
         self._in_order = ThreadPoolExecutor(1)
         self._put(MCAP0_MAGIC)
         self._put_records(Header("", f"spoofbench {__version__}"))
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         try:
             if kind is None:
                 self._finish()
                 self._stream.close()
                 self._temporary.replace(self._path)
         except OSError as failure:
-            raise RecordingError(f"{str(self._path)!r} cannot be written: {failure.strerror}") from failure
+            raise RecordingError(
+                f"{str(self._path)!r} cannot be written: {failure.strerror}"
+            ) from failure
         finally:
             for pool in (self._in_order, self._pool):
                 pool.shutdown(cancel_futures=True)
@@ -122,11 +135,15 @@ class Writer:
         for name, record in metadata.items():
             for key, value in record.items():
                 if not isinstance(value, str):
-                    raise RecordingError(f"metadata {name!r} holds {value!r} under {key!r}, which must be text")
+                    raise RecordingError(
+                        f"metadata {name!r} holds {value!r} under {key!r}, which must be text"
+                    )
             self._metadata[name] = dict(sorted(record.items()))
 
     def _add_merged(self, recording: Recording) -> None:
-        """Write all topics' rows in the order of time; at equal times topics follow each other by name."""
+        """Write all topics' rows in the order of time; at equal times topics follow each other by
+        name.
+        """
         self._append([rows for topic in recording for rows in self._rows(topic, recording[topic])])
 
     def _rows(self, topic: str, table: Table) -> list[Rows]:
@@ -136,9 +153,14 @@ class Writer:
         if len(table):
             first, last = int(table.time_ns[0]), self._last_ns.get(topic, 0)
             if first < 0:
-                raise RecordingError(f"a row of {topic!r} is stamped {first!r} ns, before 1970, which MCAP cannot express")
+                raise RecordingError(
+                    f"a row of {topic!r} is stamped {first!r} ns, before 1970, which MCAP cannot "
+                    "express"
+                )
             if first < last:
-                raise RecordingError(f"rows of {topic!r} run back in time, from {last!r} to {first!r} ns")
+                raise RecordingError(
+                    f"rows of {topic!r} run back in time, from {last!r} to {first!r} ns"
+                )
             self._last_ns[topic] = int(table.time_ns[-1])
         channel = self._channel(topic, table.kind.message)
         rows: list[Rows] = [TableRows(channel, table)]
@@ -154,10 +176,14 @@ class Writer:
         if topic not in self._channels:
             self._drain(0)
             if message.full_name not in self._schemas:
-                schema = Schema(len(self._schemas) + 1, descriptor_set(message), ENCODING, message.full_name)
+                schema = Schema(
+                    len(self._schemas) + 1, descriptor_set(message), ENCODING, message.full_name
+                )
                 self._schemas[message.full_name] = schema
                 self._put_records(schema)
-            channel = Channel(len(self._channels) + 1, topic, ENCODING, {}, self._schemas[message.full_name].id)
+            channel = Channel(
+                len(self._channels) + 1, topic, ENCODING, {}, self._schemas[message.full_name].id
+            )
             self._channels[topic] = channel
             self._counts[channel.id] = 0
             self._put_records(channel)
@@ -166,7 +192,9 @@ class Writer:
     def _append(self, sources: Sequence[Rows]) -> None:
         """Write rows merged by time; at equal times those of the earlier source come first."""
         owner = np.repeat(np.arange(len(sources)), [rows.times.size for rows in sources])
-        sizes = np.concatenate([rows.sizes for rows in sources]) if sources else np.empty(0, np.int64)
+        sizes = (
+            np.concatenate([rows.sizes for rows in sources]) if sources else np.empty(0, np.int64)
+        )
         if len(sources) > 1:
             order = np.argsort(np.concatenate([rows.times for rows in sources]), kind="stable")
             owner, sizes = owner[order], sizes[order]
@@ -175,7 +203,9 @@ class Writer:
         first = 0
         while first < ends.size:
             before = int(ends[first] - sizes[first])
-            last = min(int(np.searchsorted(ends, before + CHUNK_BYTES - self._filled)) + 1, ends.size)
+            last = min(
+                int(np.searchsorted(ends, before + CHUNK_BYTES - self._filled)) + 1, ends.size
+            )
             out = np.empty(int(ends[last - 1]) - before, np.uint8)
             starts = ends[first:last] - sizes[first:last] - before
             for number, rows in enumerate(sources):
@@ -189,7 +219,9 @@ class Writer:
                 self._finish_chunk()
             first = last
 
-    def _take(self, rows: Rows, first: int, out: NDArray[np.uint8], starts: NDArray[np.int64]) -> None:
+    def _take(
+        self, rows: Rows, first: int, out: NDArray[np.uint8], starts: NDArray[np.int64]
+    ) -> None:
         last = first + starts.size
         rows.pack(first, last, out, starts)
         index = np.empty(starts.size, INDEX_ENTRY)
@@ -201,9 +233,16 @@ class Writer:
         if not self._filled:
             return
         payload = self._payload[0] if len(self._payload) == 1 else np.concatenate(self._payload)
-        spans = [(int(part["time"].min()), int(part["time"].max())) for parts in self._index.values() for part in parts]
+        spans = [
+            (int(part["time"].min()), int(part["time"].max()))
+            for parts in self._index.values()
+            for part in parts
+        ]
         span = min(first for first, _ in spans), max(last for _, last in spans)
-        index = {channel: b"".join(part.tobytes() for part in parts) for channel, parts in sorted(self._index.items())}
+        index = {
+            channel: b"".join(part.tobytes() for part in parts)
+            for channel, parts in sorted(self._index.items())
+        }
         chunk = _Chunk(self._pool.submit(self._compress, payload), payload.size, span, index)
         self._under_way.append(self._in_order.submit(self._put_chunk, chunk))
         self._payload, self._filled = [], 0
@@ -270,13 +309,18 @@ class Writer:
                 self._stream.write(piece)
                 self._offset += len(piece)
         except OSError as error:
-            raise RecordingError(f"{str(self._path)!r} cannot be written: {error.strerror}") from error
+            raise RecordingError(
+                f"{str(self._path)!r} cannot be written: {error.strerror}"
+            ) from error
 
 
-def write(recording: Recording, path: Path, *, compression: Compression = "zstd", level: int = 3) -> None:
+def write(
+    recording: Recording, path: Path, *, compression: Compression = "zstd", level: int = 3
+) -> None:
     """Write a recording in strict order of time over its topics; the same rows give the same bytes.
 
-    Beside each topic of kind ``gnss/pvt`` stands a derived one for maps, ``/<source>/location_fix``.
+    Beside each topic of kind ``gnss/pvt`` stands a derived one for maps,
+    ``/<source>/location_fix``.
 
     Args:
         recording: what to write.

@@ -1,4 +1,5 @@
-"""The converter's contract: a raw log in; rows, rejects and facts out; every byte or record accounted for.
+"""The converter's contract: a raw log in; rows, rejects and facts out; every byte or record
+accounted for.
 
 A converter is a module (or object) behind an entry point of the group ``spoofbench.converters``.
 """
@@ -17,7 +18,9 @@ from spoofbench.recording import Recording, Table
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Rows of one topic, in the order of time, and how much of the source they came from (bytes or records)."""
+    """Rows of one topic, in the order of time, and how much of the source they came from (bytes or
+    records).
+    """
 
     topic: str
     table: Table
@@ -47,14 +50,18 @@ class Rejects:
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """How many units the source holds, as far as the converter knows beforehand: for progress alone."""
+    """How many units the source holds, as far as the converter knows beforehand: for progress
+    alone.
+    """
 
     units: int
 
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """Metadata that the converter learned: ``primary``, ``source/<name>``, ``recording``; later facts win."""
+    """Metadata that the converter learned: ``primary``, ``source/<name>``, ``recording``; later
+    facts win.
+    """
 
     metadata: Mapping[str, Mapping[str, str]]
 
@@ -96,10 +103,13 @@ class Converter(Protocol):
 
 @runtime_checkable
 class Exporting(Protocol):
-    """What a converter can do besides: write a recording the way that a mapping describes its tables."""
+    """What a converter can do besides: write a recording the way that a mapping describes its
+    tables.
+    """
 
     def export(self, recording: Recording, mapping: str, out: Path) -> tuple[Path, ...]:
-        """Write the table, or the folder of tables, from which the mapping would give these rows; return the files.
+        """Write the table, or the folder of tables, from which the mapping would give these rows;
+        return the files.
 
         Args:
             recording: what to write.

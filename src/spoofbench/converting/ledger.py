@@ -43,14 +43,20 @@ class Ledger:
             if len(item.table):
                 self.rows[item.topic] += len(item.table)
             return
-        many = item if isinstance(item, Rejects) else Rejects(np.array([item.offset]), np.array([item.length]), item.reason)
+        many = (
+            item
+            if isinstance(item, Rejects)
+            else Rejects(np.array([item.offset]), np.array([item.length]), item.reason)
+        )
         if many.offsets.size:
             self.reasons[many.reason] += int(many.lengths.sum())
         room = DETAILED_REJECTS - len(self.rejects)
         if room > 0:
             self.rejects += [
                 Reject(offset, length, many.reason)
-                for offset, length in zip(many.offsets[:room].tolist(), many.lengths[:room].tolist(), strict=True)
+                for offset, length in zip(
+                    many.offsets[:room].tolist(), many.lengths[:room].tolist(), strict=True
+                )
             ]
 
     @property
@@ -67,19 +73,29 @@ class Ledger:
             "skipped": self.skipped,
             "reasons": dict(sorted(self.reasons.items())),
             "rows": dict(sorted(self.rows.items())),
-            "rejects": [{"offset": r.offset, "length": r.length, "reason": r.reason} for r in self.rejects],
+            "rejects": [
+                {"offset": r.offset, "length": r.length, "reason": r.reason} for r in self.rejects
+            ],
         }
 
     def as_text(self) -> str:
-        """Return the ledger for people: units, rows by topic, and what was skipped, the largest loss first."""
+        """Return the ledger for people: units, rows by topic, and what was skipped, the largest
+        loss first.
+        """
         lines = [f"{self.used:,} {self.unit} used, {self.skipped:,} skipped"]
         lines += [f"{count:>12,} rows     {topic}" for topic, count in sorted(self.rows.items())]
-        lines += [f"{count:>12,} skipped  {reason}" for reason, count in sorted(self.reasons.items(), key=lambda item: (-item[1], item[0]))]
+        lines += [
+            f"{count:>12,} skipped  {reason}"
+            for reason, count in sorted(self.reasons.items(), key=lambda item: (-item[1], item[0]))
+        ]
         return "\n".join(lines)
 
     def as_metadata(self) -> dict[str, str]:
         """Return the ledger as a metadata record, its lists and mappings as JSON text."""
-        return {name: value if isinstance(value, str) else json.dumps(value) for name, value in self.as_dict().items()}
+        return {
+            name: value if isinstance(value, str) else json.dumps(value)
+            for name, value in self.as_dict().items()
+        }
 
     @classmethod
     def of_metadata(cls, record: Mapping[str, str]) -> Self:

@@ -1,4 +1,6 @@
-"""Many logs at once: each in a process of its own, so that one which breaks its process costs itself alone."""
+"""Many logs at once: each in a process of its own, so that one which breaks its process costs
+itself alone.
+"""
 
 import os
 import signal
@@ -57,29 +59,48 @@ class Outcome:
     ignored: tuple[str, ...] = ()
 
 
-def convert_job(job: Job, request: Request, progress: Callable[[float], None] | None = None) -> Outcome:
+def convert_job(
+    job: Job, request: Request, progress: Callable[[float], None] | None = None
+) -> Outcome:
     """Convert one log; whatever a log can cause is an outcome."""
     claimed = True
     try:
         name, claimed = _converter_of(job, request)
-        known = {option.name for option in fields(plugins.find(plugins.CONVERTERS, name).load().Options)}
+        known = {
+            option.name for option in fields(plugins.find(plugins.CONVERTERS, name).load().Options)
+        }
         wishes = {key: text for key, text in request.wishes.items() if key in known}
         job.target.parent.mkdir(parents=True, exist_ok=True)
         options = {**wishes, **request.options}
-        ledger = convert(job.source, job.target, format=name, options=options, strict=request.strict, progress=progress)
+        ledger = convert(
+            job.source,
+            job.target,
+            format=name,
+            options=options,
+            strict=request.strict,
+            progress=progress,
+        )
         return Outcome(job, "converted", ledger, ignored=tuple(sorted(set(request.wishes) - known)))
     except NotRecognised as error:
-        return Outcome(job, "not recognised", reason="; ".join(error.broken) or None if job.walked else str(error))
+        return Outcome(
+            job,
+            "not recognised",
+            reason="; ".join(error.broken) or None if job.walked else str(error),
+        )
     except SpoofbenchError as error:
         return Outcome(job, "failed" if claimed else "not recognised", reason=str(error))
     except OSError as error:
-        return Outcome(job, "failed", reason=f"{error.filename or job.target}: {error.strerror or error}")
+        return Outcome(
+            job, "failed", reason=f"{error.filename or job.target}: {error.strerror or error}"
+        )
     except MemoryError:
         return Outcome(job, "failed", reason="this takes more memory than there is")
 
 
 def _converter_of(job: Job, request: Request) -> tuple[str, bool]:
-    """Return a log's converter, and whether the log was named or claimed: else it is only tried by the mapping that the user gives."""
+    """Return a log's converter, and whether the log was named or claimed: else it is only tried by
+    the mapping that the user gives.
+    """
     if request.format is not None and not job.walked:
         return request.format, True
     log = Source.of(job.source)
@@ -92,7 +113,11 @@ def _converter_of(job: Job, request: Request) -> tuple[str, bool]:
 
 
 def convert_many(
-    jobs: Sequence[Job], request: Request, *, workers: int | None = None, progress: Callable[[float], None] | None = None
+    jobs: Sequence[Job],
+    request: Request,
+    *,
+    workers: int | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Iterator[Outcome]:
     """Convert logs in parallel; yield their outcomes as they come.
 
@@ -114,7 +139,9 @@ def convert_many(
             while waiting and len(running) < most:
                 number = waiting.popleft()
                 ours, theirs = context.Pipe(duplex=False)
-                process: BaseProcess = context.Process(target=_work, args=(theirs, jobs[number], request))
+                process: BaseProcess = context.Process(
+                    target=_work, args=(theirs, jobs[number], request)
+                )
                 process.start()
                 theirs.close()
                 running[ours] = number, process
@@ -127,7 +154,9 @@ def convert_many(
                     del running[pipe]
                     yield outcome
             if progress:
-                progress(sum(size * share for size, share in zip(sizes, done, strict=True)) / sum(sizes))
+                progress(
+                    sum(size * share for size, share in zip(sizes, done, strict=True)) / sum(sizes)
+                )
     finally:
         for _, process in running.values():
             process.terminate()
@@ -136,7 +165,9 @@ def convert_many(
 
 
 def _told(pipe: Connection, process: BaseProcess, job: Job) -> float | Outcome:
-    """Return what a process says next: the share that is done, or the outcome; one that died says the latter by that."""
+    """Return what a process says next: the share that is done, or the outcome; one that died says
+    the latter by that.
+    """
     with suppress(EOFError, OSError):
         message: float | Outcome = pipe.recv()
         if isinstance(message, float):
@@ -147,15 +178,21 @@ def _told(pipe: Connection, process: BaseProcess, job: Job) -> float | Outcome:
     process.join()
     pipe.close()
     code = process.exitcode or 0
-    how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+    how = (
+        f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+    )
     for left in job.target.parent.glob(f".{job.target.name}.{process.pid}.part"):
         left.unlink(missing_ok=True)
     return Outcome(job, "failed", reason=f"the process that converted it {how}")
 
 
 def _work(pipe: Connection, job: Job, request: Request) -> None:
-    """Convert one log in a process of its own, which tidies up when it or its parent is told to end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of a terminal; the parent gets it too, and ends its children
+    """Convert one log in a process of its own, which tidies up when it or its parent is told to
+    end.
+    """
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # of a terminal; the parent gets it too, and ends its children
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     threading.Thread(target=_end_with_parent, daemon=True).start()
     last = 0.0

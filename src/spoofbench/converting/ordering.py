@@ -15,15 +15,16 @@ SECOND_NS = 1_000_000_000
 class InOrder:
     """Puts the rows of one topic in the order of time.
 
-    A row may stand up to ``window_ns`` behind the latest one before it and is then sorted in, after rows of
-    equal time. One further behind is refused, and so is a lone row that leaps further ahead of both its
-    neighbours: otherwise a single false time would refuse all that follows. The same rows give the same
-    result however the stream is cut into pieces.
+    A row may stand up to ``window_ns`` behind the latest one before it and is then sorted in, after
+    rows of equal time. One further behind is refused, and so is a lone row that leaps further ahead
+    of both its neighbours: otherwise a single false time would refuse all that follows. The same
+    rows give the same result however the stream is cut into pieces.
     """
 
     def __init__(self, window_ns: int = SECOND_NS) -> None:
         self._window_ns = window_ns
-        self._held: Columns = {}  # accepted, in the order of time, may still be preceded by a late row
+        # accepted, in the order of time, may still be preceded by a late row
+        self._held: Columns = {}
         self._undecided: Columns = {}  # the newest row: whether it leaps ahead shows with the next
         self._before_ns: int | None = None  # time of the row before the undecided one
         self._latest_ns: int | None = None  # latest accepted time
@@ -43,7 +44,9 @@ class InOrder:
         """Return the rows still held, as ``(ready, refused)``."""
         if not self._undecided:
             return {}, {}
-        ready, refused = self._accept(self._undecided, np.zeros(self._undecided["time_ns"].size, bool))
+        ready, refused = self._accept(
+            self._undecided, np.zeros(self._undecided["time_ns"].size, bool)
+        )
         last = join(ready, self._held)
         self._held, self._undecided = {}, {}
         return last, refused
@@ -51,22 +54,37 @@ class InOrder:
     def _leaps(self, times: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Which rows but the last are further ahead of both neighbours than the window."""
         ahead_of_next = times[:-1] - times[1:] > self._window_ns
-        before = np.concatenate([[times[0] if self._before_ns is None else self._before_ns], times[:-2]])
+        before = np.concatenate(
+            [[times[0] if self._before_ns is None else self._before_ns], times[:-2]]
+        )
         ahead_of_last = times[:-1] - before > self._window_ns
         if self._before_ns is None:
             ahead_of_last[0] = True
         returns = times[1:] >= before - self._window_ns
-        return np.asarray(ahead_of_next & ahead_of_last & (returns | (np.arange(times.size - 1) == 0) & (self._before_ns is None)))
+        return np.asarray(
+            ahead_of_next
+            & ahead_of_last
+            & (returns | (np.arange(times.size - 1) == 0) & (self._before_ns is None))
+        )
 
     def _accept(self, rows: Columns, leaps: NDArray[np.bool_]) -> tuple[Columns, Columns]:
         times = rows["time_ns"]
         start = times[0] if self._latest_ns is None else self._latest_ns
-        if times.size and not leaps.any() and times[0] >= start and bool(np.all(times[1:] >= times[:-1])):
+        if (
+            times.size
+            and not leaps.any()
+            and times[0] >= start
+            and bool(np.all(times[1:] >= times[:-1]))
+        ):
             refused, accepted = take(rows, slice(0, 0)), rows
         else:
             floor = np.iinfo(np.int64).min
             candidates = np.where(leaps, floor, times)
-            latest = np.maximum.accumulate(np.concatenate([[floor if self._latest_ns is None else self._latest_ns], candidates]))[:-1]
+            latest = np.maximum.accumulate(
+                np.concatenate(
+                    [[floor if self._latest_ns is None else self._latest_ns], candidates]
+                )
+            )[:-1]
             late = leaps | ((latest > floor) & (times < latest - self._window_ns))
             refused, accepted = take(rows, late), take(rows, ~late)
         if not accepted["time_ns"].size:

@@ -39,10 +39,10 @@ class _Log:
 def plan(inputs: Sequence[Path], out: Path, log_format: str | None = None) -> list[Job]:
     """Return a job per log.
 
-    A folder that a converter claims as a whole is one log; any other is walked, hidden files left out. One log goes
-    to ``out`` itself unless that is a folder. Several go into the folder ``out``, those of a walked folder into its
-    subfolders, as ``<stem>.mcap``; where two names collide, the name of the folder stands before the stem, or the
-    whole name takes its place.
+    A folder that a converter claims as a whole is one log; any other is walked, hidden files left
+    out. One log goes to ``out`` itself unless that is a folder. Several go into the folder ``out``,
+    those of a walked folder into its subfolders, as ``<stem>.mcap``; where two names collide, the
+    name of the folder stands before the stem, or the whole name takes its place.
 
     Args:
         inputs: files and folders.
@@ -64,7 +64,10 @@ def plan(inputs: Sequence[Path], out: Path, log_format: str | None = None) -> li
     if len(logs) == 1 and not only.walked and not out.is_dir():
         return [Job(only.path, out)]
     names = _distinct(list(logs.values()))
-    return [Job(log.path, out / log.within / f"{name}.mcap", log.walked) for log, name in zip(logs.values(), names, strict=True)]
+    return [
+        Job(log.path, out / log.within / f"{name}.mcap", log.walked)
+        for log, name in zip(logs.values(), names, strict=True)
+    ]
 
 
 def _logs(path: Path, out: Path, log_format: str | None) -> Iterator[_Log]:
@@ -76,7 +79,10 @@ def _logs(path: Path, out: Path, log_format: str | None) -> Iterator[_Log]:
 
 def _walk(folder: Path, within: PurePosixPath, out: Path, log_format: str | None) -> Iterator[_Log]:
     with os.scandir(folder) as found:
-        entries = sorted((entry for entry in found if not entry.name.startswith(".")), key=lambda entry: entry.name)
+        entries = sorted(
+            (entry for entry in found if not entry.name.startswith(".")),
+            key=lambda entry: entry.name,
+        )
     for entry in entries:
         path = folder / entry.name
         if path.resolve() == out:
@@ -98,11 +104,16 @@ def _is_one_log(folder: Path, log_format: str | None) -> bool:
 
 
 def _distinct(logs: Sequence[_Log]) -> list[str]:
-    """Return a name for each log that no other in its subfolder has, whatever the file system makes of upper case."""
+    """Return a name for each log that no other in its subfolder has, whatever the file system makes
+    of upper case.
+    """
     names = [_stem(log.path) for log in logs]
     for longer in (_with_folder, _whole):
         often = Counter(_key(log, name) for log, name in zip(logs, names, strict=True))
-        names = [longer(log) if often[_key(log, name)] > 1 else name for log, name in zip(logs, names, strict=True)]
+        names = [
+            longer(log) if often[_key(log, name)] > 1 else name
+            for log, name in zip(logs, names, strict=True)
+        ]
     taken: set[tuple[PurePosixPath, str]] = set()
     for i, log in enumerate(logs):
         tries = (names[i] if n == 1 else f"{names[i]}-{n}" for n in count(1))

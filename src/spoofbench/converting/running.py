@@ -13,7 +13,16 @@ from typing import Any
 import numpy as np
 
 from spoofbench import plugins
-from spoofbench.converting.contract import Block, Converter, Exporting, Extent, Facts, Item, Reject, Rejects
+from spoofbench.converting.contract import (
+    Block,
+    Converter,
+    Exporting,
+    Extent,
+    Facts,
+    Item,
+    Reject,
+    Rejects,
+)
 from spoofbench.converting.ledger import Ledger
 from spoofbench.converting.options import make_options
 from spoofbench.converting.sources import Source
@@ -48,16 +57,22 @@ def convert(
         strict: raise at the first part that must be skipped.
         progress: is told the share of the source that is done, 0 to 1.
 
-    Raises:
-        ConversionError: the log is not recognised, cannot be read or holds nothing; or ``strict`` and something was skipped.
-        PluginError: the converter cannot be loaded or breaks its contract; one that counts bytes must account for each.
+    Raises: ConversionError: the log is not recognised, cannot be read or holds nothing; or
+        ``strict`` and something was skipped. PluginError: the converter cannot be loaded or breaks
+        its contract; one that counts bytes must account for each.
     """
     from spoofbench.codec import Writer
 
     log = Source.of(source)
     if out.resolve().is_relative_to(source.resolve()):
-        raise ConversionError(f"the output {str(out)!r} would change the log {str(source)!r}; choose another place")
-    plugin, converter = (plugins.find(plugins.CONVERTERS, format), None) if format else recognise(log, by_mapping="mapping" in options)
+        raise ConversionError(
+            f"the output {str(out)!r} would change the log {str(source)!r}; choose another place"
+        )
+    plugin, converter = (
+        (plugins.find(plugins.CONVERTERS, format), None)
+        if format
+        else recognise(log, by_mapping="mapping" in options)
+    )
     converter = converter or plugin.load()
     chosen = make_options(converter.Options, options, plugin.name)
     log = log.afresh()
@@ -72,39 +87,64 @@ def convert(
                 raise ConversionError(f"{source.name!r} gave no rows: {_why(run.ledger)}")
             if log.tally.beside:
                 digest = pool.submit(_digest, source, tuple(log.tally.beside.values()))
-            origin = {"file": source.name, **_digested(digest), **_made_by(plugin, converter, chosen)}
+            origin = {
+                "file": source.name,
+                **_digested(digest),
+                **_made_by(plugin, converter, chosen),
+            }
             writer.describe(run.metadata(origin))
     if progress:
         progress(1.0)
     return run.ledger
 
 
-def recognise(log: Source, only: str | None = None, *, by_mapping: bool = False) -> tuple[Plugin, Converter]:
-    """Return the converter that is surest that a log is its own; ``only`` that one is asked, if given.
+def recognise(
+    log: Source, only: str | None = None, *, by_mapping: bool = False
+) -> tuple[Plugin, Converter]:
+    """Return the converter that is surest that a log is its own; ``only`` that one is asked, if
+    given.
 
-    Where the user gives a mapping, a log that none claims goes to the converter that reads by mappings.
+    Where the user gives a mapping, a log that none claims goes to the converter that reads by
+    mappings.
 
-    Raises:
-        PluginError: there is no such converter; NotRecognised: none claims it; ConversionError: two claim it alike.
+    Raises: PluginError: there is no such converter; NotRecognised: none claims it; ConversionError:
+        two claim it alike.
     """
     claims: list[tuple[float, Plugin, Converter]] = []
     broken: list[str] = []
-    for plugin in [plugins.find(plugins.CONVERTERS, only)] if only else plugins.found(plugins.CONVERTERS).values():
+    for plugin in (
+        [plugins.find(plugins.CONVERTERS, only)]
+        if only
+        else plugins.found(plugins.CONVERTERS).values()
+    ):
         try:
             converter: Converter = plugin.load()
             claims.append((float(converter.sniff(log)), plugin, converter))
         except Exception as error:  # noqa: BLE001 - a plugin may raise anything
-            broken.append(str(error) if isinstance(error, PluginError) else f"{plugin} failed: {error}")
+            broken.append(
+                str(error) if isinstance(error, PluginError) else f"{plugin} failed: {error}"
+            )
     claims.sort(key=lambda claim: -claim[0])
     if not claims or claims[0][0] <= 0:
-        reader = next(((plugin, converter) for _, plugin, converter in claims if by_mapping and isinstance(converter, Exporting)), None)
+        reader = next(
+            (
+                (plugin, converter)
+                for _, plugin, converter in claims
+                if by_mapping and isinstance(converter, Exporting)
+            ),
+            None,
+        )
         if reader is not None:
             return reader
         tried = sorted(plugin.name for _, plugin, _ in claims)
-        raise NotRecognised(f"no converter recognises {log.path.name!r}; tried {tried or 'none'}", broken)
+        raise NotRecognised(
+            f"no converter recognises {log.path.name!r}; tried {tried or 'none'}", broken
+        )
     if len(claims) > 1 and claims[1][0] == claims[0][0]:
         names = sorted(plugin.name for score, plugin, _ in claims if score == claims[0][0])
-        raise ConversionError(f"{log.path.name!r} may be of any of the formats {names}; say which with --format")
+        raise ConversionError(
+            f"{log.path.name!r} may be of any of the formats {names}; say which with --format"
+        )
     return claims[0][1], claims[0][2]
 
 
@@ -125,7 +165,9 @@ class _Run:
         self._facts: _Metadata = {}
         self._last_ns: dict[str, int] = {}
 
-    def blocks(self, items: Iterator[Item], progress: Callable[[float], None] | None) -> Iterator[Block]:
+    def blocks(
+        self, items: Iterator[Item], progress: Callable[[float], None] | None
+    ) -> Iterator[Block]:
         """Yield the blocks with rows, in the order of time; account for all items."""
         extent = 0
         for item in items:
@@ -148,15 +190,22 @@ class _Run:
         if isinstance(reject, Rejects) and not reject.offsets.size:
             return
         if self._strict:
-            offset, length = (reject.offset, reject.length) if isinstance(reject, Reject) else (reject.offsets[0], reject.lengths[0])
+            offset, length = (
+                (reject.offset, reject.length)
+                if isinstance(reject, Reject)
+                else (reject.offsets[0], reject.lengths[0])
+            )
             raise ConversionError(
-                f"{reject.reason} (at {self.ledger.unit[:-1]} {offset}, {length} {self.ledger.unit}); "
+                f"{reject.reason} (at {self.ledger.unit[:-1]} {offset}, {length} "
+                f"{self.ledger.unit}); "
                 "convert without --strict to skip what cannot be used"
             )
         self.ledger.enter(reject)
 
     def _forwards(self, block: Block) -> Block:
-        """Return the block without the rows that lie before 1970, or before those already written."""
+        """Return the block without the rows that lie before 1970, or before those already
+        written.
+        """
         early = int(np.searchsorted(block.table.time_ns, 0, "left"))
         block = self._without(block, early, f"{TOO_EARLY}, in {block.topic}")
         times = block.table.time_ns
@@ -167,7 +216,9 @@ class _Run:
         return self._without(block, behind, f"{BACKWARDS} in {block.topic}")
 
     def _without(self, block: Block, rows: int, reason: str) -> Block:
-        """Return the block without its first rows, which are rejected with their share of the source."""
+        """Return the block without its first rows, which are rejected with their share of the
+        source.
+        """
         if not rows:
             return block
         lost = round(block.used * rows / len(block.table))
@@ -175,7 +226,8 @@ class _Run:
         return Block(block.topic, block.table.take(slice(rows, None)), block.used - lost)
 
     def close(self, plugin: Plugin, log: Source) -> None:
-        """Enter where packed files end early, and hold a converter that counts bytes to the size of its source.
+        """Enter where packed files end early, and hold a converter that counts bytes to the size of
+        its source.
 
         Raises:
             PluginError: it accounted for more or for less.
@@ -185,7 +237,8 @@ class _Run:
         counted = self.ledger.used + self.ledger.skipped
         if self.ledger.unit == "bytes" and counted != log.size():
             raise PluginError(
-                f"{plugin} accounts for {counted:,} bytes of {log.path.name!r}, which has {log.size():,}; "
+                f"{plugin} accounts for {counted:,} bytes of {log.path.name!r}, which has "
+                f"{log.size():,}; "
                 f"report it to the authors of {plugin.distribution!r}"
             )
 
@@ -201,10 +254,17 @@ class _Run:
             **facts,
             "origin": dict(origin),
             "ledger": self.ledger.as_metadata(),
-            "recording": {"session_id": origin["sha256"][:16], **facts.get("recording", {}), "schema_version": SCHEMA_VERSION},
+            "recording": {
+                "session_id": origin["sha256"][:16],
+                **facts.get("recording", {}),
+                "schema_version": SCHEMA_VERSION,
+            },
             "primary": {**primary, **facts.get("primary", {})},
         }
-        return {name: {key: _encodable(text) for key, text in record.items()} for name, record in records.items()}
+        return {
+            name: {key: _encodable(text) for key, text in record.items()}
+            for name, record in records.items()
+        }
 
 
 def _items(plugin: Plugin, converter: Converter, log: Source, options: Any) -> Iterator[Item]:
@@ -219,9 +279,14 @@ def _items(plugin: Plugin, converter: Converter, log: Source, options: Any) -> I
         except SpoofbenchError:
             raise
         except Exception as error:  # a plugin may raise anything
-            raise PluginError(f"{plugin} failed on {log.path.name!r}: {type(error).__name__}: {error}") from error
+            raise PluginError(
+                f"{plugin} failed on {log.path.name!r}: {type(error).__name__}: {error}"
+            ) from error
         if not isinstance(item, Item):
-            raise PluginError(f"{plugin} must yield blocks, rejects, facts or an extent, not {type(item).__name__}")
+            raise PluginError(
+                f"{plugin} must yield blocks, rejects, facts or an extent, not "
+                f"{type(item).__name__}"
+            )
         yield item
 
 
@@ -243,7 +308,8 @@ def _digested(digest: "Future[tuple[int, str]]") -> dict[str, str]:
 
 
 def _digest(source: Path, beside: Sequence[Path] = ()) -> tuple[int, str]:
-    """Return size and SHA-256 of a file; of a folder, or of a file with others beside it, those of sorted lines.
+    """Return size and SHA-256 of a file; of a folder, or of a file with others beside it, those of
+    sorted lines.
 
     A line is ``<sha256>  <size>  <path>`` of a file.
     """
@@ -251,7 +317,9 @@ def _digest(source: Path, beside: Sequence[Path] = ()) -> tuple[int, str]:
         with source.open("rb") as file:
             return source.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()
     total, lines = 0, []
-    folder, paths = (source, source.rglob("*")) if source.is_dir() else (source.parent, iter([source, *beside]))
+    folder, paths = (
+        (source, source.rglob("*")) if source.is_dir() else (source.parent, iter([source, *beside]))
+    )
     for path in sorted(path for path in paths if path.is_file()):
         size, sha256 = _digest(path)
         total += size

@@ -25,23 +25,35 @@ def as_rows(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
 
 
 def as_table(outcomes: Sequence[Outcome]) -> list[str]:
-    """Return a line per log: rows, used and skipped share, the name of the recording or why there is none, the largest loss."""
+    """Return a line per log: rows, used and skipped share, the name of the recording or why there
+    is none, the largest loss.
+    """
     lines = [f"{'rows':>11} {'used %':>7} {'skip %':>7}  recording"]
     for outcome in outcomes:
         if outcome.ledger is None:
-            lines.append(f"{'-':>11} {'-':>7} {'-':>7}  {outcome.job.source}: {_MARKS[outcome.status]}")
+            lines.append(
+                f"{'-':>11} {'-':>7} {'-':>7}  {outcome.job.source}: {_MARKS[outcome.status]}"
+            )
             continue
-        lines.append(f"{outcome.ledger.rows.total():>11,} {_shares(outcome.ledger)}  {outcome.job.target}{_largest_loss(outcome.ledger)}")
+        lines.append(
+            f"{outcome.ledger.rows.total():>11,} {_shares(outcome.ledger)}  "
+            f"{outcome.job.target}{_largest_loss(outcome.ledger)}"
+        )
     ignored = sorted({name for outcome in outcomes for name in outcome.ignored})
     for name in ignored:
         sources = [str(outcome.job.source) for outcome in outcomes if name in outcome.ignored]
-        lines.append(f"option {name!r} does not exist for {len(sources)} of them: {', '.join(sources[:3])}{', ...' if sources[3:] else ''}")
+        lines.append(
+            f"option {name!r} does not exist for {len(sources)} of them: "
+            f"{', '.join(sources[:3])}{', ...' if sources[3:] else ''}"
+        )
     return lines
 
 
 def _shares(ledger: Ledger) -> str:
     share = ledger.skipped_share
-    return f"{'-':>7} {'-':>7}" if share is None else f"{_percent(1 - share):>7} {_percent(share):>7}"
+    return (
+        f"{'-':>7} {'-':>7}" if share is None else f"{_percent(1 - share):>7} {_percent(share):>7}"
+    )
 
 
 def _percent(share: float) -> str:

@@ -15,9 +15,12 @@ from spoofbench.errors import ConversionError, LimitError
 MAX_UNPACKED_BYTES = 64 * 2**30
 
 _ZSTD_WINDOW_BYTES = 128 * 2**20
-_PIECE_BYTES = 65_536  # what damage may cost of the intact bytes before it, however much is asked for at a time
+# what damage may cost of the intact bytes before it, however much is asked for at a time
+_PIECE_BYTES = 65_536
 _ZSTD_PIECE_BYTES = 1024
-"""Of packed bytes at a time: a zstd block of 4 bytes can unpack to 128 KiB, so that a piece gives 32 MiB at most."""
+"""Of packed bytes at a time: a zstd block of 4 bytes can unpack to 128 KiB, so that a piece gives
+32 MiB at most.
+"""
 
 _BUFFER_BYTES = 2**20
 _MAGIC = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz"}
@@ -28,10 +31,9 @@ _DAMAGE = (EOFError, OSError, zlib.error, lzma.LZMAError, zipfile.BadZipFile)
 class Tally:
     """What a source's streams gave, by the name of the member; the name of a lone file is empty.
 
-    Attributes:
-        ended: unpacked bytes of the streams that were read to their end, or to where they are damaged.
-        damage: why a stream ended early.
-        beside: where the files lie that a lone file names and that were made part of the source.
+    Attributes: ended: unpacked bytes of the streams that were read to their end, or to where they
+        are damaged. damage: why a stream ended early. beside: where the files lie that a lone file
+        names and that were made part of the source.
     """
 
     ended: dict[str, int] = field(default_factory=dict)
@@ -40,7 +42,8 @@ class Tally:
 
 
 def packing_of(path: Path) -> str | None:
-    """Return how a file is packed, by its first bytes: ``gzip``, ``zstd``, ``bzip2``, ``xz`` or None.
+    """Return how a file is packed, by its first bytes: ``gzip``, ``zstd``, ``bzip2``, ``xz`` or
+    None.
 
     Raises:
         OSError: it cannot be read.
@@ -60,12 +63,16 @@ def open_unpacked(path: Path, tally: Tally, name: str = "") -> IO[bytes]:
     file = path.open("rb")
     if packing is None:
         return file
-    unpack: Any = {"gzip": gzip.GzipFile, "bzip2": bz2.BZ2File, "xz": lzma.LZMAFile, "zstd": _Zstd}[packing]
+    unpack: Any = {"gzip": gzip.GzipFile, "bzip2": bz2.BZ2File, "xz": lzma.LZMAFile, "zstd": _Zstd}[
+        packing
+    ]
     return bounded(unpack(fileobj=file) if packing == "gzip" else unpack(file), file, tally, name)
 
 
 def bounded(stream: Any, beneath: Any, tally: Tally, name: str) -> IO[bytes]:
-    """Return a stream that ends where the packing is damaged, fails above 64 GiB, and closes what is beneath with it."""
+    """Return a stream that ends where the packing is damaged, fails above 64 GiB, and closes what
+    is beneath with it.
+    """
     return cast(IO[bytes], io.BufferedReader(_Bounded(stream, beneath, tally, name), _BUFFER_BYTES))
 
 
@@ -94,7 +101,9 @@ class _Bounded(io.RawIOBase):
             return bytes(self._stream.read1(min(most, _PIECE_BYTES)))
         except _DAMAGE as error:
             if isinstance(error, OSError) and error.errno is not None:
-                raise ConversionError(f"{self._called!r} cannot be read after {self._read:,} bytes: {error.strerror}") from error
+                raise ConversionError(
+                    f"{self._called!r} cannot be read after {self._read:,} bytes: {error.strerror}"
+                ) from error
             self._tally.damage[self._name] = str(error)
             return b""
 
@@ -117,7 +126,11 @@ class _Zstd:
 
         self._error: type[Exception] = zstandard.ZstdError
         self._decompressor = zstandard.ZstdDecompressor(max_window_size=_ZSTD_WINDOW_BYTES)
-        self._file, self._frame, self._ready = file, self._decompressor.decompressobj(), memoryview(b"")
+        self._file, self._frame, self._ready = (
+            file,
+            self._decompressor.decompressobj(),
+            memoryview(b""),
+        )
         self._begun = False
 
     def read1(self, most: int) -> bytes:

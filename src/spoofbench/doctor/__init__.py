@@ -12,7 +12,17 @@ import numpy as np
 
 from spoofbench.codec import read
 from spoofbench.converting import Source, convert, recognise
-from spoofbench.doctor import clocks, contents, inertial, magnetic, positions, rates, receivers, turning, velocities
+from spoofbench.doctor import (
+    clocks,
+    contents,
+    inertial,
+    magnetic,
+    positions,
+    rates,
+    receivers,
+    turning,
+    velocities,
+)
 from spoofbench.doctor.clocks import MODIFIED
 from spoofbench.doctor.finding import SEVERITIES, Finding, Severity
 from spoofbench.errors import ConversionError
@@ -66,7 +76,9 @@ def examine(recording: Recording) -> list[Finding]:
     return sorted(findings, key=lambda finding: -SEVERITIES.index(finding.severity))
 
 
-def examine_file(path: Path, log_format: str | None = None, options: Mapping[str, str] = MappingProxyType({})) -> list[Finding]:
+def examine_file(
+    path: Path, log_format: str | None = None, options: Mapping[str, str] = MappingProxyType({})
+) -> list[Finding]:
     """Return the findings on a recording, or on a raw log, which is converted for it.
 
     Args:
@@ -88,7 +100,9 @@ def examine_file(path: Path, log_format: str | None = None, options: Mapping[str
 
 
 def _is_recording(path: Path) -> bool:
-    """Whether a file is MCAP with rows of ours in it, or at least no log that a converter knows, such as a bag in MCAP."""
+    """Whether a file is MCAP with rows of ours in it, or at least no log that a converter knows,
+    such as a bag in MCAP.
+    """
     if not path.is_file():
         return False
     with path.open("rb") as file:

@@ -35,7 +35,10 @@ UPRIGHT = 0.8
 FASTEST_RADPS = 36.0
 """The widest range of the usual sensors is 2000 deg/s, 34.9 rad/s."""
 
-FULL_SCALES = {"accel": np.array([2, 4, 8, 16]) * GRAVITY_MPS2, "gyro": np.radians([125, 245, 250, 500, 1000, 2000])}
+FULL_SCALES = {
+    "accel": np.array([2, 4, 8, 16]) * GRAVITY_MPS2,
+    "gyro": np.radians([125, 245, 250, 500, 1000, 2000]),
+}
 AT_FULL_SCALE = 0.015
 LEAST_CLIPPED = 3
 FROZEN_ROWS = 10
@@ -70,10 +73,25 @@ def _gravity(topic: str, size: float, resting: bool) -> list[Finding]:
         return []
     for mistake, factor in GRAVITY_UNITS.items():
         if abs(size / (factor * GRAVITY_MPS2) - 1) < MOVING_TOLERANCE:
-            return [Finding("accel-unit", "error", topic, f"{text}: {mistake}", "convert again with the right unit")]
+            return [
+                Finding(
+                    "accel-unit",
+                    "error",
+                    topic,
+                    f"{text}: {mistake}",
+                    "convert again with the right unit",
+                )
+            ]
     if size < FREE_MPS2:
-        advice = "it belongs to linear_accel_*: convert again, with the sensor that includes gravity if the device logged one"
-        return [Finding("accel-without-gravity", "error", topic, f"{text}: gravity is not in it", advice)]
+        advice = (
+            "it belongs to linear_accel_*: convert again, with the sensor that includes gravity if "
+            "the device logged one"
+        )
+        return [
+            Finding(
+                "accel-without-gravity", "error", topic, f"{text}: gravity is not in it", advice
+            )
+        ]
     if abs(size / GRAVITY_MPS2 - 1) < MOVING_TOLERANCE:
         return [
             Finding(
@@ -84,30 +102,67 @@ def _gravity(topic: str, size: float, resting: bool) -> list[Finding]:
                 "estimate bias and scale before integrating",
             )
         ]
-    return [Finding("accel-scale", "warning", topic, text, "check unit, scale and bias of the accelerometer")]
+    return [
+        Finding(
+            "accel-scale", "warning", topic, text, "check unit, scale and bias of the accelerometer"
+        )
+    ]
 
 
 def _vertical(recording: Recording, topic: str, force: Floats) -> list[Finding]:
-    """Say which axis carries gravity, where the metadata do not, and contradict them where they are wrong."""
+    """Say which axis carries gravity, where the metadata do not, and contradict them where they are
+    wrong.
+    """
     share = force / np.linalg.norm(force)
     axis = int(np.argmax(np.abs(share)))
     if abs(share[axis]) < UPRIGHT:
         return []
     found = f"{'+' if share[axis] > 0 else '-'}{AXES[axis]}"
     axes = facts(recording, f"source/{split_topic(topic)[0]}").get("axes", "").lower()
-    text = f"specific force at rest is along {found}, so that this axis points {'up' if share[axis] > 0 else 'down'}"
+    text = (
+        f"specific force at rest is along {found}, so that this axis points "
+        f"{'up' if share[axis] > 0 else 'down'}"
+    )
     if not (len(axes) == 3 and set(axes) <= set("frdlbu")):
-        advice = "axes are not known: a mounting has to be estimated before axes are compared with motion"
-        return [Finding("vertical-axis", "info", topic, f"{text.replace(', so that this axis points', ' (pointing')})", advice)]
-    said = next((f"{'+' if letter == 'u' else '-'}{AXES[i]}" for i, letter in enumerate(axes) if letter in "ud"), None)
+        advice = (
+            "axes are not known: a mounting has to be estimated before axes are compared with "
+            "motion"
+        )
+        return [
+            Finding(
+                "vertical-axis",
+                "info",
+                topic,
+                f"{text.replace(', so that this axis points', ' (pointing')})",
+                advice,
+            )
+        ]
+    said = next(
+        (
+            f"{'+' if letter == 'u' else '-'}{AXES[i]}"
+            for i, letter in enumerate(axes)
+            if letter in "ud"
+        ),
+        None,
+    )
     if said is None or said == found:
         return []
     advice = "the sign convention of the accelerometer, or the axes, are not what was declared"
-    return [Finding("accel-sign", "error", topic, f"{text}, but with axes {axes} it has to be along {said}", advice)]
+    return [
+        Finding(
+            "accel-sign",
+            "error",
+            topic,
+            f"{text}, but with axes {axes} it has to be along {said}",
+            advice,
+        )
+    ]
 
 
 def at_rest(recording: Recording, table: Table) -> Bools | None:
-    """Return which rows lie between epochs at which the primary receiver stands; None where no receiver says a speed."""
+    """Return which rows lie between epochs at which the primary receiver stands; None where no
+    receiver says a speed.
+    """
     topics = recording.topics("gnss/pvt")
     if not topics:
         return None
@@ -132,21 +187,40 @@ def ranges(recording: Recording) -> list[Finding]:
                 continue
             most = float(np.nanmax(size))
             if name in GYRO and most > FASTEST_RADPS:
-                text = f"{name} reaches {most:.0f} rad/s, more than sensors measure: it may be in degrees"
-                findings.append(Finding("gyro-range", "warning", topic, text, "check the unit of the gyroscope"))
+                text = (
+                    f"{name} reaches {most:.0f} rad/s, more than sensors measure: it may be in "
+                    "degrees"
+                )
+                findings.append(
+                    Finding("gyro-range", "warning", topic, text, "check the unit of the gyroscope")
+                )
                 break
             clipped = _clipped(size, most, FULL_SCALES[name.partition("_")[0]])
             if clipped.any():
-                text = f"{name} stops at {most:.4g} in {int(clipped.sum())} samples: the sensor's range ended there"
+                text = (
+                    f"{name} stops at {most:.4g} in {int(clipped.sum())} samples: the sensor's "
+                    "range ended there"
+                )
                 advice = "do not integrate over these samples"
-                findings.append(Finding("imu-saturated", "warning", topic, text, advice, **where(table.time_ns[clipped])))
+                findings.append(
+                    Finding(
+                        "imu-saturated",
+                        "warning",
+                        topic,
+                        text,
+                        advice,
+                        **where(table.time_ns[clipped]),
+                    )
+                )
     return findings
 
 
 def _clipped(size: Floats, most: float, scales: Floats) -> Bools:
     """Which samples stand at the largest value, one of the usual ranges, several in a row."""
     at_most = size >= most * (1 - 1e-9)
-    if not np.any(np.abs(most / scales - 1) < AT_FULL_SCALE) or not np.any(runs(at_most)[1] >= LEAST_CLIPPED):
+    if not np.any(np.abs(most / scales - 1) < AT_FULL_SCALE) or not np.any(
+        runs(at_most)[1] >= LEAST_CLIPPED
+    ):
         return np.zeros(size.size, bool)
     return np.asarray(at_most)
 
@@ -167,7 +241,13 @@ def frozen(recording: Recording) -> list[Finding]:
                 which = ", ".join(AXES[i] for i in np.flatnonzero(still))
                 text = f"the {sensor} says 0 in all rows on {which}"
                 findings.append(
-                    Finding("all-zero", "error" if still.all() else "warning", topic, text, "absent was written as 0: leave it out")
+                    Finding(
+                        "all-zero",
+                        "error" if still.all() else "warning",
+                        topic,
+                        text,
+                        "absent was written as 0: leave it out",
+                    )
                 )
                 continue
             firsts, lengths = runs((np.diff(values, axis=0) == 0).all(axis=1))
@@ -175,7 +255,10 @@ def frozen(recording: Recording) -> list[Finding]:
             if long.any():
                 rows = int(lengths[long].sum())
                 held_s = float((times[firsts + lengths] - times[firsts])[long].max()) / 1e9
-                text = f"the {sensor} repeats its sample in {rows} rows, for {held_s:.2g} s at the longest"
+                text = (
+                    f"the {sensor} repeats its sample in {rows} rows, for {held_s:.2g} s at the "
+                    "longest"
+                )
                 advice = "treat these stretches as gaps"
                 span = where(times[firsts[long]]) | {"count": rows}
                 findings.append(Finding("frozen-imu", "warning", topic, text, advice, **span))

@@ -25,7 +25,8 @@ UNITS = {
     "it is in tesla": 1e-6,
 }
 MOST_BIAS = 50
-"""Iron near a sensor adds less than so many times the Earth's field: a factor above it is a unit."""
+"""Iron near a sensor adds less than so many times the Earth's field: a factor above it is a unit.
+"""
 
 MOST_SPAN_UT = 2 * MOST_UT
 """What turning in the Earth's field can change of one axis, whatever is added to it."""
@@ -42,15 +43,37 @@ def fields(recording: Recording) -> list[Finding]:
         size = float(np.median(np.linalg.norm(field, axis=1)))
         if size == 0 or LEAST_UT <= size <= MOST_UT:
             continue
-        text = f"the magnetic flux density is {size:,.{0 if size > 10 else 4}f} uT in the median where {EARTH_TEXT}"
+        text = (
+            f"the magnetic flux density is {size:,.{0 if size > 10 else 4}f} uT in the median "
+            f"where {EARTH_TEXT}"
+        )
         span = float(np.ptp(np.percentile(field, (1, 99), axis=0), axis=0).max())
-        unit = next((unit for unit, factor in UNITS.items() if LEAST_UT <= size / factor <= MOST_UT), None)
+        unit = next(
+            (unit for unit, factor in UNITS.items() if LEAST_UT <= size / factor <= MOST_UT), None
+        )
         is_bias = MOST_UT < size < MOST_BIAS * MOST_UT and span <= MOST_SPAN_UT
         if is_bias:
-            advice = "estimate the bias, such as of iron near the sensor, before headings are taken from it"
-            findings.append(Finding("mag-bias", "info", topic, f"{text}, but changes like it", advice))
+            advice = (
+                "estimate the bias, such as of iron near the sensor, before headings are taken "
+                "from it"
+            )
+            findings.append(
+                Finding("mag-bias", "info", topic, f"{text}, but changes like it", advice)
+            )
         elif unit is not None:
-            findings.append(Finding("mag-unit", "error", topic, f"{text}: {unit}", "convert again with the right unit"))
+            findings.append(
+                Finding(
+                    "mag-unit",
+                    "error",
+                    topic,
+                    f"{text}: {unit}",
+                    "convert again with the right unit",
+                )
+            )
         else:
-            findings.append(Finding("mag-scale", "warning", topic, text, "check unit and scale of the magnetometer"))
+            findings.append(
+                Finding(
+                    "mag-scale", "warning", topic, text, "check unit and scale of the magnetometer"
+                )
+            )
     return findings

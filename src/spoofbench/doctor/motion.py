@@ -19,12 +19,10 @@ Bools = NDArray[np.bool_]
 class Steps:
     """From each row with a position to the next one at a later time; arrays ``(n,)``.
 
-    Attributes:
-        rows: place of the step's first row in the table; ``next_rows``: of its last.
-        start_ns: time of the first row.
-        dt_s: duration.
-        north_m, east_m: displacement on a sphere, good to half a percent.
-        speed_mps: mean of the speeds at both ends, by velocity or else as the receiver says it; NaN where unknown.
+    Attributes: rows: place of the step's first row in the table; ``next_rows``: of its last.
+        start_ns: time of the first row. dt_s: duration. north_m, east_m: displacement on a sphere,
+        good to half a percent. speed_mps: mean of the speeds at both ends, by velocity or else as
+        the receiver says it; NaN where unknown.
     """
 
     rows: NDArray[np.intp]
@@ -41,13 +39,17 @@ class Steps:
 
 
 def speed(pvt: Table) -> Floats:
-    """Return the speed over ground, ``(n,)`` m/s, from the velocity or else as the receiver says it; NaN where neither is known."""
+    """Return the speed over ground, ``(n,)`` m/s, from the velocity or else as the receiver says
+    it; NaN where neither is known.
+    """
     velocity = np.hypot(pvt["vel_n_mps"], pvt["vel_e_mps"])
     return np.asarray(np.where(np.isnan(velocity), pvt["speed_mps"], velocity))
 
 
 def course(pvt: Table) -> Floats:
-    """Return the course over ground, ``(n,)`` rad clockwise from north, from the velocity or else as the receiver says it."""
+    """Return the course over ground, ``(n,)`` rad clockwise from north, from the velocity or else
+    as the receiver says it.
+    """
     course_rad = np.arctan2(pvt["vel_e_mps"], pvt["vel_n_mps"])
     return np.asarray(np.where(np.isnan(course_rad), np.radians(pvt["course_deg"]), course_rad))
 

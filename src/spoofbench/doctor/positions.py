@@ -1,4 +1,6 @@
-"""Checks of positions and heights: impossible, held, jumping, or on another surface than they say."""
+"""Checks of positions and heights: impossible, held, jumping, or on another surface than they
+say.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +20,9 @@ GRAVE_HOLD_S, GRAVE_HOLD_SHARE = 2.0, 0.01
 
 JUMP_LEAST_M = 10.0
 JUMP_FACTOR, JUMP_MARGIN_MPS = 3.0, 10.0
-"""A step is a jump where it is faster than three times the speed that the receiver says, and by 10 m/s."""
+"""A step is a jump where it is faster than three times the speed that the receiver says, and by 10
+m/s.
+"""
 
 UNKNOWN_SPEED_MPS = 100.0
 """Without a speed: faster than any car, slower than a jump."""
@@ -39,17 +43,29 @@ def impossible(recording: Recording) -> list[Finding]:
         lat, lon = table["lat_deg"], table["lon_deg"]
         outside = (np.abs(lat) > 90) | (np.abs(lon) > 360) | np.isinf(lat) | np.isinf(lon)
         null = (np.abs(lat) < NULL_ISLAND_DEG) & (np.abs(lon) < NULL_ISLAND_DEG)
-        for mask, what in ((outside, "lie outside the globe"), (null, "lie at latitude 0, longitude 0: the receiver had none")):
+        for mask, what in (
+            (outside, "lie outside the globe"),
+            (null, "lie at latitude 0, longitude 0: the receiver had none"),
+        ):
             if mask.any():
                 text = f"{int(mask.sum())} of {len(table)} positions {what}"
                 findings.append(
-                    Finding("impossible-position", "error", topic, text, "leave these epochs out", **where(table.time_ns[mask]))
+                    Finding(
+                        "impossible-position",
+                        "error",
+                        topic,
+                        text,
+                        "leave these epochs out",
+                        **where(table.time_ns[mask]),
+                    )
                 )
     return findings
 
 
 def held(recording: Recording) -> list[Finding]:
-    """Positions repeated while the receiver moves: a slow receiver in a fast table, or fixes that were lost without a word."""
+    """Positions repeated while the receiver moves: a slow receiver in a fast table, or fixes that
+    were lost without a word.
+    """
     findings = []
     for topic in recording.topics("gnss/pvt"):
         table = recording[topic].last_per_time()
@@ -65,28 +81,42 @@ def held(recording: Recording) -> list[Finding]:
         hold = f"for {held_s[longest]:.1f} s at the longest{regular}"
         text = f"{counted(rows, 'row')} with the position of the one before while it moves, {hold}"
         start = way.start_ns[firsts[bad]]
-        advice = "take only rows with a new position (a mapping's 'changes'); treat long holds as gaps"
+        advice = (
+            "take only rows with a new position (a mapping's 'changes'); treat long holds as gaps"
+        )
         grave = held_s[longest] > GRAVE_HOLD_S or rows > GRAVE_HOLD_SHARE * len(table)
         severity: Severity = "warning" if grave else "info"
-        findings.append(Finding("held-position", severity, topic, text, advice, rows, int(start[0]), int(start[-1])))
+        findings.append(
+            Finding(
+                "held-position", severity, topic, text, advice, rows, int(start[0]), int(start[-1])
+            )
+        )
     return findings
 
 
 def _held_runs(way: Steps) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats, Floats]:
-    """Return first steps and lengths of the stretches without motion, the way that they hide, m, and their durations, s.
+    """Return first steps and lengths of the stretches without motion, the way that they hide, m,
+    and their durations, s.
 
-    The way is speed times duration where the receiver says a speed; else the step that ends the stretch, if that is a leap.
+    The way is speed times duration where the receiver says a speed; else the step that ends the
+    stretch, if that is a leap.
     """
     still = (way.north_m == 0) & (way.east_m == 0)
     firsts, lengths = runs(still)
     total_s = np.concatenate([[0.0], np.cumsum(way.dt_s)])
-    said = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(way.speed_mps), way.speed_mps, 0.0) * way.dt_s)])
+    said = np.concatenate(
+        [[0.0], np.cumsum(np.where(np.isfinite(way.speed_mps), way.speed_mps, 0.0) * way.dt_s)]
+    )
     held_s = total_s[firsts + lengths] - total_s[firsts]
     spoken_m = said[firsts + lengths] - said[firsts]
     after = np.minimum(firsts + lengths, max(way.dt_s.size - 1, 0))
-    leap_m = np.where(firsts + lengths < way.dt_s.size, way.way_m[after] if way.dt_s.size else 0.0, 0.0)
+    leap_m = np.where(
+        firsts + lengths < way.dt_s.size, way.way_m[after] if way.dt_s.size else 0.0, 0.0
+    )
     known = np.isfinite(way.speed_mps).any()
-    hidden = spoken_m if known else np.where(leap_m / np.maximum(held_s, 1e-9) > MOVING_MPS, leap_m, 0.0)
+    hidden = (
+        spoken_m if known else np.where(leap_m / np.maximum(held_s, 1e-9) > MOVING_MPS, leap_m, 0.0)
+    )
     moving = hidden > MOVING_MPS * held_s
     return firsts, lengths, np.where(moving, hidden, 0.0), held_s
 
@@ -107,12 +137,29 @@ def jumping(recording: Recording) -> list[Finding]:
             largest = int(np.argmax(way.way_m * jump))
             size_m = float(way.way_m[largest])
             said = (
-                f"where the receiver says {way.speed_mps[largest]:.1f} m/s" if np.isfinite(way.speed_mps[largest]) else "with no speed said"
+                f"where the receiver says {way.speed_mps[largest]:.1f} m/s"
+                if np.isfinite(way.speed_mps[largest])
+                else "with no speed said"
             )
-            text = f"{counted(int(jump.sum()), 'jump')}, the largest {size_m:,.0f} m in {way.dt_s[largest]:.3g} s {said}"
-            advice = "look whether the fix was lost, two receivers are mixed, or an attack begins or ends there"
+            text = (
+                f"{counted(int(jump.sum()), 'jump')}, the largest {size_m:,.0f} m in "
+                f"{way.dt_s[largest]:.3g} s {said}"
+            )
+            advice = (
+                "look whether the fix was lost, two receivers are mixed, or an attack begins or "
+                "ends there"
+            )
             ends = table.time_ns[way.next_rows[jump]]
-            findings.append(Finding("position-jump", "error" if size_m > GRAVE_JUMP_M else "warning", topic, text, advice, **where(ends)))
+            findings.append(
+                Finding(
+                    "position-jump",
+                    "error" if size_m > GRAVE_JUMP_M else "warning",
+                    topic,
+                    text,
+                    advice,
+                    **where(ends),
+                )
+            )
     return findings
 
 
@@ -123,8 +170,12 @@ def jumps(table: Table) -> tuple[Steps, NDArray[np.bool_]]:
     said = speed(table)
     most = np.fmax(said[way.rows], said[way.next_rows])
     allowed = np.where(np.isfinite(most), JUMP_FACTOR * most + JUMP_MARGIN_MPS, UNKNOWN_SPEED_MPS)
-    after_hold = np.concatenate([[False], (way.way_m[:-1] == 0)]) if way.way_m.size else np.zeros(0, bool)
-    return way, (way.way_m > JUMP_LEAST_M) & (rate > allowed) & ~(after_hold & (rate < UNKNOWN_SPEED_MPS))
+    after_hold = (
+        np.concatenate([[False], (way.way_m[:-1] == 0)]) if way.way_m.size else np.zeros(0, bool)
+    )
+    return way, (way.way_m > JUMP_LEAST_M) & (rate > allowed) & ~(
+        after_hold & (rate < UNKNOWN_SPEED_MPS)
+    )
 
 
 def heights(recording: Recording) -> list[Finding]:
@@ -136,18 +187,38 @@ def heights(recording: Recording) -> list[Finding]:
             rows = np.flatnonzero(np.isfinite(table[name]))
             rise, dt_s = np.diff(table[name][rows]), np.diff(table.time_ns[rows]) / 1e9
             fall = np.abs(table["vel_d_mps"][rows])
-            most = np.where(np.isfinite(fall[1:]), JUMP_FACTOR * np.fmax(fall[1:], fall[:-1]) + JUMP_MARGIN_MPS, HEIGHT_RATE_MPS)
+            most = np.where(
+                np.isfinite(fall[1:]),
+                JUMP_FACTOR * np.fmax(fall[1:], fall[:-1]) + JUMP_MARGIN_MPS,
+                HEIGHT_RATE_MPS,
+            )
             jump = (np.abs(rise) > HEIGHT_JUMP_M) & (np.abs(rise) > most * dt_s)
             if jump.any():
-                text = f"{counted(int(jump.sum()), 'jump')} of {name}, by {float(rise[np.argmax(np.abs(rise) * jump)]):+,.0f} m at the most"
-                advice = "look at the fix type there: a 2D fix holds its height, a first fix has none"
-                findings.append(Finding("height-jump", "warning", topic, text, advice, **where(table.time_ns[rows[1:]][jump])))
+                text = (
+                    f"{counted(int(jump.sum()), 'jump')} of {name}, by "
+                    f"{float(rise[np.argmax(np.abs(rise) * jump)]):+,.0f} m at the most"
+                )
+                advice = (
+                    "look at the fix type there: a 2D fix holds its height, a first fix has none"
+                )
+                findings.append(
+                    Finding(
+                        "height-jump",
+                        "warning",
+                        topic,
+                        text,
+                        advice,
+                        **where(table.time_ns[rows[1:]][jump]),
+                    )
+                )
                 break
     return findings
 
 
 def datums(recording: Recording) -> list[Finding]:
-    """Ellipsoidal height and height above mean sea level that are one number, or further apart than geoid and ellipsoid are."""
+    """Ellipsoidal height and height above mean sea level that are one number, or further apart than
+    geoid and ellipsoid are.
+    """
     findings = []
     for topic in recording.topics("gnss/pvt"):
         table = recording[topic]
@@ -157,9 +228,15 @@ def datums(recording: Recording) -> list[Finding]:
             continue
         middle = float(np.median(known))
         if np.all(known == 0):
-            text = "ellipsoidal height and height above mean sea level are equal in all rows: one of them is not what it is called"
+            text = (
+                "ellipsoidal height and height above mean sea level are equal in all rows: one of "
+                "them is not what it is called"
+            )
         elif abs(middle) > MOST_SEPARATION_M:
-            text = f"ellipsoidal height minus height above mean sea level is {middle:.0f} m, more than anywhere on Earth"
+            text = (
+                f"ellipsoidal height minus height above mean sea level is {middle:.0f} m, more "
+                "than anywhere on Earth"
+            )
         else:
             continue
         advice = "find out which surface the receiver means before heights are compared"

@@ -21,7 +21,8 @@ BLOCK = 25
 """Intervals whose median is one reading of the rate."""
 
 HARMLESS_GAP_S = 0.1
-"""In a sensor's rows: vehicles hardly change their motion in it, and phones sample as irregularly."""
+"""In a sensor's rows: vehicles hardly change their motion in it, and phones sample as irregularly.
+"""
 
 SLIGHT_SHARE, SLIGHT_GAP_S = 1e-3, 1.0
 """Below both there is nothing to say: a lost sample of a fast sensor."""
@@ -30,7 +31,9 @@ CHANGE_FACTOR, LASTING_SHARE = 1.5, 0.05
 """A rate is another one from half as much again, for a twentieth of the time."""
 
 SLOW_IMU_HZ = 10.0
-"""Below, fewer than ten samples fall between two epochs at 1 Hz: accelerations of a vehicle reach to some hertz."""
+"""Below, fewer than ten samples fall between two epochs at 1 Hz: accelerations of a vehicle reach
+to some hertz.
+"""
 
 
 def gaps(recording: Recording) -> list[Finding]:
@@ -49,11 +52,22 @@ def gaps(recording: Recording) -> list[Finding]:
         share = missing_s * 1e9 / float(times[-1] - times[0])
         if not long.any() or (share < SLIGHT_SHARE and longest_s < SLIGHT_GAP_S):
             continue
-        grave = (share > GRAVE_SHARE or longest_s > GRAVE_GAP_S) and topic == recording.topics(split_topic(topic)[1])[0]
+        grave = (share > GRAVE_SHARE or longest_s > GRAVE_GAP_S) and topic == recording.topics(
+            split_topic(topic)[1]
+        )[0]
         usual = f"the longest {longest_s:.3g} s where rows come every {median / 1e9:.3g} s"
         text = f"{counted(int(long.sum()), 'gap')}, {missing_s:.1f} s without rows, {usual}"
         advice = "count these epochs as unavailable, and look whether the log was cut"
-        findings.append(Finding("rate-gap", "warning" if grave else "info", topic, text, advice, **where(times[1:][long])))
+        findings.append(
+            Finding(
+                "rate-gap",
+                "warning" if grave else "info",
+                topic,
+                text,
+                advice,
+                **where(times[1:][long]),
+            )
+        )
     return findings
 
 
@@ -68,15 +82,28 @@ def changes(recording: Recording) -> list[Finding]:
         usual = float(np.median(medians))
         other = (medians > CHANGE_FACTOR * usual) | (medians < usual / CHANGE_FACTOR)
         firsts, lengths = runs(other)
-        lasting = np.array([float(medians[a : a + n].sum()) for a, n in zip(firsts, lengths, strict=True)]) * (lengths > 1)
+        lasting = np.array(
+            [float(medians[a : a + n].sum()) for a, n in zip(firsts, lengths, strict=True)]
+        ) * (lengths > 1)
         if lasting.size and lasting.max() > LASTING_SHARE * float(medians.sum()):
             longest = int(np.argmax(lasting))
             first, count = int(firsts[longest]), int(lengths[longest])
-            rates = f"{1e9 / usual:.3g} Hz, and {1e9 / float(np.median(medians[first : first + count])):.3g} Hz"
-            text = f"the rate is {rates} for {100 * float(lasting[longest] / medians.sum()):.0f} % of the time"
-            span = {"start_ns": int(times[first * BLOCK]), "end_ns": int(times[(first + count) * BLOCK])}
+            rates = (
+                f"{1e9 / usual:.3g} Hz, and "
+                f"{1e9 / float(np.median(medians[first : first + count])):.3g} Hz"
+            )
+            text = (
+                f"the rate is {rates} for {100 * float(lasting[longest] / medians.sum()):.0f} % of "
+                "the time"
+            )
+            span = {
+                "start_ns": int(times[first * BLOCK]),
+                "end_ns": int(times[(first + count) * BLOCK]),
+            }
             advice = "cut the log where the rate changes, or resample on purpose"
-            findings.append(Finding("rate-change", "warning", topic, text, advice, count * BLOCK, **span))
+            findings.append(
+                Finding("rate-change", "warning", topic, text, advice, count * BLOCK, **span)
+            )
     return findings
 
 
@@ -88,10 +115,27 @@ def repeated_epochs(recording: Recording) -> list[Finding]:
         same = np.flatnonzero(np.diff(table.time_ns) == 0)
         if not same.size:
             continue
-        differ = (table["lat_deg"][same] != table["lat_deg"][same + 1]) | (table["lon_deg"][same] != table["lon_deg"][same + 1])
-        text = f"{same.size} epochs have more than one row, {int(differ.sum())} with different positions"
-        advice = "the last row of a time counts; a log of two receivers has to be converted with --source"
-        findings.append(Finding("repeated-epoch", "warning" if differ.any() else "info", topic, text, advice, **where(table.time_ns[same])))
+        differ = (table["lat_deg"][same] != table["lat_deg"][same + 1]) | (
+            table["lon_deg"][same] != table["lon_deg"][same + 1]
+        )
+        text = (
+            f"{same.size} epochs have more than one row, {int(differ.sum())} with different "
+            "positions"
+        )
+        advice = (
+            "the last row of a time counts; a log of two receivers has to be converted with "
+            "--source"
+        )
+        findings.append(
+            Finding(
+                "repeated-epoch",
+                "warning" if differ.any() else "info",
+                topic,
+                text,
+                advice,
+                **where(table.time_ns[same]),
+            )
+        )
     return findings
 
 
@@ -105,7 +149,9 @@ def slow_imu(recording: Recording) -> list[Finding]:
             continue
         step_s = float(np.median(steps_s))
         averaged = table.has("interval_s") and float(np.nanmedian(table["interval_s"])) > step_s / 2
-        how = "averages" if averaged else "samples, so that vibration between them aliases into them"
+        how = (
+            "averages" if averaged else "samples, so that vibration between them aliases into them"
+        )
         text = f"the IMU comes at {1 / step_s:.3g} Hz as {how}"
         advice = "do not judge detectors by it that integrate inertial data between epochs"
         findings.append(Finding("slow-imu", "info" if averaged else "warning", topic, text, advice))
@@ -124,4 +170,6 @@ def _medians(steps: Times) -> Floats:
 def _local_median(steps: Times) -> Floats:
     """Return the median interval of each one's block, so that a slower stretch is not all gaps."""
     medians = _medians(steps)
-    return np.repeat(medians, BLOCK + (np.arange(medians.size) == medians.size - 1) * (steps.size % BLOCK))
+    return np.repeat(
+        medians, BLOCK + (np.arange(medians.size) == medians.size - 1) * (steps.size % BLOCK)
+    )

@@ -24,13 +24,26 @@ def as_text(name: str, findings: Sequence[Finding]) -> str:
         lines.append("")
         lines.append(f"{finding.severity:<8} {finding.code}  {printable(finding.topic)}".rstrip())
         for text in (f"{finding.text}{_when(finding)}", f"-> {finding.advice}"):
-            lines += textwrap.wrap(printable(text), WIDTH, initial_indent=" " * 9, subsequent_indent=" " * 9, break_on_hyphens=False)
+            lines += textwrap.wrap(
+                printable(text),
+                WIDTH,
+                initial_indent=" " * 9,
+                subsequent_indent=" " * 9,
+                break_on_hyphens=False,
+            )
     return "\n".join(lines)
 
 
 def _total(findings: Sequence[Finding]) -> str:
-    counts = [(severity, sum(finding.severity == severity for finding in findings)) for severity in reversed(SEVERITIES)]
-    said = [f"{count} info" if severity == "info" else counted(count, severity) for severity, count in counts if count]
+    counts = [
+        (severity, sum(finding.severity == severity for finding in findings))
+        for severity in reversed(SEVERITIES)
+    ]
+    said = [
+        f"{count} info" if severity == "info" else counted(count, severity)
+        for severity, count in counts
+        if count
+    ]
     return ", ".join(said) or "nothing found"
 
 

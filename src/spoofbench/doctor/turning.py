@@ -1,7 +1,9 @@
-"""Checks of inertial data against the receiver: unit and sign of the gyroscope, and the lag between both.
+"""Checks of inertial data against the receiver: unit and sign of the gyroscope, and the lag between
+both.
 
-The rate of turn about the vertical is the angular rate along the specific force, which points up when averaged over ten
-seconds; so no mounting has to be known. Clockwise from above is positive, as for a course.
+The rate of turn about the vertical is the angular rate along the specific force, which points up
+when averaged over ten seconds; so no mounting has to be known. Clockwise from above is positive, as
+for a course.
 """
 
 from dataclasses import dataclass
@@ -40,7 +42,9 @@ SCALE_TOLERANCE = 0.15
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Turns:
-    """Changes of course over the receiver's steps, ``(n,)`` rad, and the times of both ends in seconds of the IMU's axis."""
+    """Changes of course over the receiver's steps, ``(n,)`` rad, and the times of both ends in
+    seconds of the IMU's axis.
+    """
 
     start_s: Floats
     end_s: Floats
@@ -61,13 +65,21 @@ def turning(recording: Recording) -> list[Finding]:
         turns = _turns(pvt, int(imu.time_ns[0]))
         heading_s, heading = _heading(imu)
         if turns is not None and heading.size:
-            findings += _compared(topic, turns, heading_s, heading, int(leap_seconds(pvt.time_ns[0])))
+            findings += _compared(
+                topic, turns, heading_s, heading, int(leap_seconds(pvt.time_ns[0]))
+            )
     return findings
 
 
-def _compared(topic: str, turns: _Turns, heading_s: Floats, heading: Floats, leap_s: int) -> list[Finding]:
-    """Find the lag at which turns agree best: the gyroscope's heading shifted by it; positive where the gyroscope is ahead."""
-    coarse = _best(turns, heading_s, heading, np.arange(-MOST_LAG_S, MOST_LAG_S + COARSE_S / 2, COARSE_S))
+def _compared(
+    topic: str, turns: _Turns, heading_s: Floats, heading: Floats, leap_s: int
+) -> list[Finding]:
+    """Find the lag at which turns agree best: the gyroscope's heading shifted by it; positive where
+    the gyroscope is ahead.
+    """
+    coarse = _best(
+        turns, heading_s, heading, np.arange(-MOST_LAG_S, MOST_LAG_S + COARSE_S / 2, COARSE_S)
+    )
     if not np.isfinite(coarse):
         return []
     lag_s = _best(turns, heading_s, heading, coarse + np.arange(-5, 6) * COARSE_S / 5)
@@ -78,10 +90,21 @@ def _compared(topic: str, turns: _Turns, heading_s: Floats, heading: Floats, lea
     findings = _unit(topic, correlation, scale)
     if LAG_S < abs(lag_s) < MOST_LAG_S - COARSE_S and not abs(correlation) < now + GAIN:
         agreement = f"(correlation {abs(correlation):.2f}, {now:.2f} unshifted)"
-        leap = ", as if one of them gave GPS time for UTC" if abs(abs(lag_s) - leap_s) < GRAVE_LAG_S else ""
-        text = f"the gyroscope turns {abs(lag_s):.1f} s {'ahead of' if lag_s > 0 else 'behind'} the receiver's course {agreement}{leap}"
+        leap = (
+            ", as if one of them gave GPS time for UTC"
+            if abs(abs(lag_s) - leap_s) < GRAVE_LAG_S
+            else ""
+        )
+        text = (
+            f"the gyroscope turns {abs(lag_s):.1f} s {'ahead of' if lag_s > 0 else 'behind'} the "
+            f"receiver's course {agreement}{leap}"
+        )
         advice = "align the two clocks, or use a detector that estimates the lag"
-        findings.append(Finding("imu-lag", "error" if abs(lag_s) > GRAVE_LAG_S else "warning", topic, text, advice))
+        findings.append(
+            Finding(
+                "imu-lag", "error" if abs(lag_s) > GRAVE_LAG_S else "warning", topic, text, advice
+            )
+        )
     return findings
 
 
@@ -92,20 +115,41 @@ def _best(turns: _Turns, heading_s: Floats, heading: Floats, lags_s: Floats) -> 
 
 
 def _unit(topic: str, correlation: float, scale: float) -> list[Finding]:
-    text = f"the gyroscope's turns are {scale:.4g} times those of the receiver's course (correlation {correlation:.2f})"
-    for mistake, factor in {"deg/s were taken for rad/s": np.degrees(1), "it was multiplied by pi/180 twice": np.radians(1)}.items():
+    text = (
+        f"the gyroscope's turns are {scale:.4g} times those of the receiver's course (correlation "
+        f"{correlation:.2f})"
+    )
+    for mistake, factor in {
+        "deg/s were taken for rad/s": np.degrees(1),
+        "it was multiplied by pi/180 twice": np.radians(1),
+    }.items():
         if abs(abs(scale) / factor - 1) < 2 * SCALE_TOLERANCE:
-            return [Finding("gyro-unit", "error", topic, f"{text}: {mistake}", "convert again with the right unit")]
+            return [
+                Finding(
+                    "gyro-unit",
+                    "error",
+                    topic,
+                    f"{text}: {mistake}",
+                    "convert again with the right unit",
+                )
+            ]
     if correlation < 0:
-        advice = "the sign convention of the accelerometer or of the gyroscope is not that of the schema: one of both frames is mirrored"
+        advice = (
+            "the sign convention of the accelerometer or of the gyroscope is not that of the "
+            "schema: one of both frames is mirrored"
+        )
         return [Finding("gyro-sign", "warning", topic, text, advice)]
     if abs(scale - 1) > SCALE_TOLERANCE and abs(correlation) > 0.9:
-        return [Finding("gyro-scale", "warning", topic, text, "check scale and times of the gyroscope")]
+        return [
+            Finding("gyro-scale", "warning", topic, text, "check scale and times of the gyroscope")
+        ]
     return []
 
 
 def _turns(pvt: Table, origin_ns: int) -> _Turns | None:
-    """Return the receiver's turns by its course, or else by its positions; None where it does not turn enough."""
+    """Return the receiver's turns by its course, or else by its positions; None where it does not
+    turn enough.
+    """
     said, usable = course(pvt), speed(pvt) > SLOWEST_MPS
     times_s = (pvt.time_ns - origin_ns) / 1e9
     longest_s = LONGEST_STEP_S
@@ -114,13 +158,18 @@ def _turns(pvt: Table, origin_ns: int) -> _Turns | None:
         usable, longest_s = np.isfinite(said), 2 * LONGEST_LEG_S
     both = usable[:-1] & usable[1:] & np.isfinite(np.diff(said)) & (np.diff(times_s) <= longest_s)
     turn = wrapped(np.diff(said))[both]
-    if both.sum() < LEAST_STEPS or np.abs(turn[np.abs(turn) > LEAST_TURN_RAD]).sum() < LEAST_TURNED_RAD:
+    if (
+        both.sum() < LEAST_STEPS
+        or np.abs(turn[np.abs(turn) > LEAST_TURN_RAD]).sum() < LEAST_TURNED_RAD
+    ):
         return None
     return _Turns(times_s[:-1][both], times_s[1:][both], turn)
 
 
 def _tracked(way: Steps, origin_ns: int) -> tuple[Floats, Floats]:
-    """Return bearings of legs between positions some metres apart, rad, NaN where a leg took long, and their middle times, s."""
+    """Return bearings of legs between positions some metres apart, rad, NaN where a leg took long,
+    and their middle times, s.
+    """
     gone_m = np.cumsum(np.where(way.way_m > CREEPING_MPS * way.dt_s, way.way_m, 0.0))
     if gone_m.size < LEAST_STEPS:
         return np.zeros(0), np.zeros(0)
@@ -133,7 +182,9 @@ def _tracked(way: Steps, origin_ns: int) -> tuple[Floats, Floats]:
 
 
 def _heading(imu: Table) -> tuple[Floats, Floats]:
-    """Return seconds since the first row, and the heading that the gyroscope adds up to, rad clockwise."""
+    """Return seconds since the first row, and the heading that the gyroscope adds up to, rad
+    clockwise.
+    """
     force_s, force = _known(imu, ACCEL)
     times_s, rate = _known(imu, GYRO)
     if min(force_s.size, times_s.size) < LEAST_STEPS:
@@ -141,12 +192,16 @@ def _heading(imu: Table) -> tuple[Floats, Floats]:
     smooth = _smoothed(force, force_s)
     up = np.stack([np.interp(times_s, force_s, smooth[:, axis]) for axis in range(3)], axis=1)
     turn = -(rate * up).sum(axis=1) / np.linalg.norm(up, axis=1)
-    way = (turn[1:] + turn[:-1]) / 2 * np.minimum(np.diff(times_s), 1.0)  # a gap adds nothing that is not known
+    way = (
+        (turn[1:] + turn[:-1]) / 2 * np.minimum(np.diff(times_s), 1.0)
+    )  # a gap adds nothing that is not known
     return times_s, np.concatenate([[0.0], np.cumsum(way)])
 
 
 def _known(imu: Table, names: tuple[str, ...]) -> tuple[Floats, Floats]:
-    """Return times of a sensor's samples, s since the first row, and the samples, ``(n, 3)``: each sensor may have rows of its own."""
+    """Return times of a sensor's samples, s since the first row, and the samples, ``(n, 3)``: each
+    sensor may have rows of its own.
+    """
     values = np.stack([imu[name] for name in names], axis=1)
     known = np.isfinite(values).all(axis=1)
     return (imu.time_ns[known] - imu.time_ns[0]) / 1e9, values[known]
@@ -166,7 +221,9 @@ def _agreement(turns: _Turns, heading_s: Floats, heading: Floats) -> tuple[float
     inside = (turns.start_s >= heading_s[0]) & (turns.end_s <= heading_s[-1])
     if inside.sum() < LEAST_STEPS:
         return np.nan, np.nan
-    turned = np.interp(turns.end_s[inside], heading_s, heading) - np.interp(turns.start_s[inside], heading_s, heading)
+    turned = np.interp(turns.end_s[inside], heading_s, heading) - np.interp(
+        turns.start_s[inside], heading_s, heading
+    )
     said = turns.turn[inside]
     both = float(said @ turned)
     norm = float(np.linalg.norm(said) * np.linalg.norm(turned))

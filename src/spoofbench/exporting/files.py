@@ -23,32 +23,40 @@ Format = Literal["parquet", "csv"]
 _WRITERS: Mapping[str, Callable[[Any, Path], None]] = {"parquet": write_parquet, "csv": write_csv}
 
 
-def export(file: Path, out: Path, *, topics: Sequence[str] = (), table_format: Format = "csv") -> list[str]:
+def export(
+    file: Path, out: Path, *, topics: Sequence[str] = (), table_format: Format = "csv"
+) -> list[str]:
     """Write topics of a recording for other programs; return their names.
 
-    Args:
-        file: the recording.
-        out: ends in ``.parquet`` or ``.csv``: one topic; in ``.gpx``: the tracks of all receivers, or of those asked for;
+    Args: file: the recording. out: ends in ``.parquet`` or ``.csv``: one topic; in ``.gpx``: the
+        tracks of all receivers, or of those asked for;
             in ``.zip``, or anything else, a folder: a file per topic.
         topics: those to write; else all.
         table_format: of the files in a folder or an archive.
 
-    Raises:
-        FormatError: the file is no recording; RecordingError: it has no such topic, or several where one file is to be written.
+    Raises: FormatError: the file is no recording; RecordingError: it has no such topic, or several
+        where one file is to be written.
     """
     recording = read(file)
     chosen = _chosen(recording, topics)
     if out.suffix == ".gpx":
         chosen = [topic for topic in chosen if split_topic(topic)[1] == "gnss/pvt"]
         if not chosen:
-            raise RecordingError(f"{file.name!r} has no gnss/pvt topic to draw; it has {sorted(recording)}")
+            raise RecordingError(
+                f"{file.name!r} has no gnss/pvt topic to draw; it has {sorted(recording)}"
+            )
         with _whole(out) as path:
             write_gpx([(split_topic(topic)[0], recording[topic]) for topic in chosen], path)
     elif out.suffix.removeprefix(".") in _WRITERS:
         if len(chosen) != 1:
-            raise RecordingError(f"{out.name!r} can hold one topic; say which with --topic, or name a folder or a .zip: {chosen}")
+            raise RecordingError(
+                f"{out.name!r} can hold one topic; say which with --topic, or name a folder or a "
+                f".zip: {chosen}"
+            )
         with _whole(out) as path:
-            _WRITERS[out.suffix.removeprefix(".")](arrow_table(recording[chosen[0]], chosen[0], recording.metadata), path)
+            _WRITERS[out.suffix.removeprefix(".")](
+                arrow_table(recording[chosen[0]], chosen[0], recording.metadata), path
+            )
     else:
         _write_all(recording, chosen, out, table_format)
     return chosen
@@ -57,8 +65,8 @@ def export(file: Path, out: Path, *, topics: Sequence[str] = (), table_format: F
 def export_by_mapping(file: Path, out: Path, mapping: str) -> None:
     """Write a recording as the table, or the folder of tables, that a mapping describes.
 
-    Raises:
-        FormatError: the file is no recording; PluginError: no converter knows mappings; ConversionError: there is no such mapping,
+    Raises: FormatError: the file is no recording; PluginError: no converter knows mappings;
+        ConversionError: there is no such mapping,
             or the recording has not what it names.
     """
     recording = read(file)
@@ -74,24 +82,33 @@ def export_by_mapping(file: Path, out: Path, mapping: str) -> None:
     except SpoofbenchError:
         raise
     except Exception as error:  # a plugin may raise anything
-        raise PluginError(f"{plugin} failed to export {file.name!r}: {type(error).__name__}: {error}") from error
+        raise PluginError(
+            f"{plugin} failed to export {file.name!r}: {type(error).__name__}: {error}"
+        ) from error
 
 
 def _chosen(recording: Recording, topics: Sequence[str]) -> list[str]:
     for topic in topics:
         if topic not in recording:
-            raise RecordingError(f"the recording has no topic {topic!r}; it has {sorted(recording)}")
+            raise RecordingError(
+                f"the recording has no topic {topic!r}; it has {sorted(recording)}"
+            )
     return list(dict.fromkeys(topics)) or list(recording)
 
 
-def _write_all(recording: Recording, topics: Sequence[str], out: Path, table_format: Format) -> None:
+def _write_all(
+    recording: Recording, topics: Sequence[str], out: Path, table_format: Format
+) -> None:
     """Write a file per topic into a folder, or into an archive."""
     with _whole(out) as path:
         folder = path.with_name(f"{path.name}.d") if out.suffix == ".zip" else path
         folder.mkdir(parents=True)
         try:
             for topic, name in _names(topics).items():
-                _WRITERS[table_format](arrow_table(recording[topic], topic, recording.metadata), folder / f"{name}.{table_format}")
+                _WRITERS[table_format](
+                    arrow_table(recording[topic], topic, recording.metadata),
+                    folder / f"{name}.{table_format}",
+                )
             if folder != path:
                 _pack(folder, path)
         finally:
@@ -100,15 +117,22 @@ def _write_all(recording: Recording, topics: Sequence[str], out: Path, table_for
 
 
 def _pack(folder: Path, archive: Path) -> None:
-    """Pack a folder; the times of its files are left out, so that the same tables give the same archive."""
+    """Pack a folder; the times of its files are left out, so that the same tables give the same
+    archive.
+    """
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
         for path in sorted(folder.iterdir()):
-            with path.open("rb") as file, packed.open(zipfile.ZipInfo(path.name), "w", force_zip64=True) as member:
+            with (
+                path.open("rb") as file,
+                packed.open(zipfile.ZipInfo(path.name), "w", force_zip64=True) as member,
+            ):
                 shutil.copyfileobj(file, member)
 
 
 def _names(topics: Sequence[str]) -> dict[str, str]:
-    """Return a file name per topic, such as ``gnss0_gnss_pvt``, without what a path could take for more than a name."""
+    """Return a file name per topic, such as ``gnss0_gnss_pvt``, without what a path could take for
+    more than a name.
+    """
     names: dict[str, str] = {}
     for topic in topics:
         name = re.sub(r"[^A-Za-z0-9-]+", "_", topic).strip("_")
@@ -120,7 +144,9 @@ def _names(topics: Sequence[str]) -> dict[str, str]:
 
 @contextmanager
 def _whole(out: Path) -> Iterator[Path]:
-    """Yield a place to write to; what is there takes the name of ``out`` at the end, or goes if an exception ends it."""
+    """Yield a place to write to; what is there takes the name of ``out`` at the end, or goes if an
+    exception ends it.
+    """
     place = out.with_name(f".{os.getpid()}.part.{out.name}")  # its suffix says the format
     if out.is_dir() and any(out.iterdir()):
         raise RecordingError(f"the folder {str(out)!r} is not empty; name another")
@@ -131,7 +157,9 @@ def _whole(out: Path) -> Iterator[Path]:
         yield place
         place.replace(out)
     except OSError as error:
-        raise RecordingError(f"{str(out)!r} cannot be written: {error.strerror or error}") from error
+        raise RecordingError(
+            f"{str(out)!r} cannot be written: {error.strerror or error}"
+        ) from error
     finally:
         if place.is_dir():
             shutil.rmtree(place)

@@ -29,19 +29,33 @@ _COLUMNS = ("height_msl_m", "height_m", "num_sv", "hdop", "vdop", "pdop", "diff_
 def write_gpx(tracks: Iterable[tuple[str, Table]], path: Path) -> None:
     """Write the positions of ``gnss/pvt`` tables as tracks, each by its name.
 
-    ``ele`` is the height above mean sea level, absent where the receiver said none; rows without a position give no point
-    and end a segment.
+    ``ele`` is the height above mean sea level, absent where the receiver said none; rows without a
+    position give no point and end a segment.
     """
     with path.open("w", encoding="utf-8") as file:
         xml = XMLGenerator(file, "utf-8", short_empty_elements=True)
         xml.startDocument()
         xml.startElement(
-            "gpx", AttributesImpl({"version": "1.1", "creator": f"spoofbench {__version__}", "xmlns": "http://www.topografix.com/GPX/1/1"})
+            "gpx",
+            AttributesImpl(
+                {
+                    "version": "1.1",
+                    "creator": f"spoofbench {__version__}",
+                    "xmlns": "http://www.topografix.com/GPX/1/1",
+                }
+            ),
         )
         for name, table in tracks:
             xml.characters("\n")
             xml.startElement("trk", _NONE)
-            _text(xml, "name", "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in name))
+            _text(
+                xml,
+                "name",
+                "".join(
+                    letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}"
+                    for letter in name
+                ),
+            )
             for rows in _segments(table):
                 xml.characters("\n")
                 xml.startElement("trkseg", _NONE)
@@ -64,9 +78,13 @@ def _segments(table: Table) -> list[NDArray[np.intp]]:
 
 
 def _points(table: Table) -> Iterator[tuple[str, str, dict[str, str]]]:
-    """Yield latitude, longitude and, in the order of the standard, what a point holds; absent is left out."""
+    """Yield latitude, longitude and, in the order of the standard, what a point holds; absent is
+    left out.
+    """
     times = np.datetime_as_string(table.time_ns.astype("datetime64[ns]"))
-    columns: dict[str, Any] = {name: np.where(table.valid(name), table[name], np.nan) for name in _COLUMNS}
+    columns: dict[str, Any] = {
+        name: np.where(table.valid(name), table[name], np.nan) for name in _COLUMNS
+    }
     geoid = columns["height_m"] - columns["height_msl_m"]
     fixes = np.where(table.valid("fix_type"), table["fix_type"], gnss_pb2.FIX_TYPE_UNSPECIFIED)
     for i in range(len(table)):
@@ -83,7 +101,11 @@ def _points(table: Table) -> Iterator[tuple[str, str, dict[str, str]]]:
             _decimal(table["lat_deg"][i]),
             # the standard leaves out 180
             _decimal(-180.0 if table["lon_deg"][i] == 180 else table["lon_deg"][i]),
-            {name: value if isinstance(value, str) else _decimal(value) for name, value in said.items() if _is_said(value)},
+            {
+                name: value if isinstance(value, str) else _decimal(value)
+                for name, value in said.items()
+                if _is_said(value)
+            },
         )
 
 

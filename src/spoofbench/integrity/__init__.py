@@ -1,4 +1,5 @@
-"""How well an innovation monitor protects: covariance analysis, worst-case fault, integrity risk (Tanil et al. 2018).
+"""How well an innovation monitor protects: covariance analysis, worst-case fault, integrity risk
+(Tanil et al. 2018).
 
 A :class:`~spoofbench.integrity.scenario.Scenario` says the geometry, rates, error models and thresholds; the rest is
 linear algebra, without one random number but where samples are asked for::
@@ -16,7 +17,13 @@ from spoofbench.integrity.fault import Fault, fault_of_measurements, slopes_squa
 from spoofbench.integrity.filtering import Run, covariances, warmed_up
 from spoofbench.integrity.model import ALTITUDE, LinearModel, linear_model
 from spoofbench.integrity.risk import Monitor, WorstCase, worst_case
-from spoofbench.integrity.scenario import GnssErrors, ImuErrors, InitialErrors, Scenario, load_scenario
+from spoofbench.integrity.scenario import (
+    GnssErrors,
+    ImuErrors,
+    InitialErrors,
+    Scenario,
+    load_scenario,
+)
 
 __all__ = [
     "Fault",
@@ -56,14 +63,18 @@ def published(name: str) -> Scenario:
 
 
 def monitored(scenario: Scenario, period_s: float | None = None) -> Run:
-    """Return the filter's covariances over the monitor's epochs, after the warm-up; the period is the scenario's unless given."""
+    """Return the filter's covariances over the monitor's epochs, after the warm-up; the period is
+    the scenario's unless given.
+    """
     model = linear_model(scenario)
     start = warmed_up(model, round(scenario.warm_up_s * scenario.rate_hz))
     return covariances(model, start, scenario.epochs(period_s))
 
 
 def monitor_of(scenario: Scenario, run: Run, first: int = 1, epochs: int | None = None) -> Monitor:
-    """Return what decides the risk of the worst attack from an epoch on; the monitor ends after ``epochs`` (all, unless given)."""
+    """Return what decides the risk of the worst attack from an epoch on; the monitor ends after
+    ``epochs`` (all, unless given).
+    """
     last = len(run) if epochs is None else epochs
     return Monitor(
         slope_m=float(slopes_squared(run, first)[last - 1] ** 0.5),

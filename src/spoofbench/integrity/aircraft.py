@@ -1,7 +1,8 @@
 """Longitudinal motion of an aircraft and its altitude autopilot (Tanil et al. 2018, Eqs 29-33).
 
-The Boeing 747 at Mach 0.198 and sea level, from the stability derivatives of Heffley and Jewell (1972), body axes;
-``Mu`` is unconfirmed. The paper does not publish its autopilot's gains: this one is a linear quadratic regulator.
+The Boeing 747 at Mach 0.198 and sea level, from the stability derivatives of Heffley and Jewell
+(1972), body axes; ``Mu`` is unconfirmed. The paper does not publish its autopilot's gains: this one
+is a linear quadratic regulator.
 """
 
 from dataclasses import dataclass
@@ -20,8 +21,8 @@ _SLUG_WEIGHT_LB = 32.174
 class Aircraft:
     """dx/dt = dynamics x + control u about a level trimmed flight.
 
-    States: forward speed u and down speed w in body axes (m/s), pitch rate q (rad/s), pitch theta (rad), altitude h (m).
-    Inputs: elevator (rad), thrust over mass (m/s^2).
+    States: forward speed u and down speed w in body axes (m/s), pitch rate q (rad/s), pitch theta
+    (rad), altitude h (m). Inputs: elevator (rad), thrust over mass (m/s^2).
 
     Attributes:
         dynamics: F_d, ``(5, 5)``.
@@ -56,7 +57,9 @@ def boeing_747() -> Aircraft:
 
 
 def altitude_autopilot(aircraft: Aircraft) -> Array:
-    """Return the gain K of u = -K x, ``(2, 5)``: the regulator that weighs 2 m/s, 2 deg/s, 2 deg, 3 m against 5 deg and 0.3 m/s^2."""
+    """Return the gain K of u = -K x, ``(2, 5)``: the regulator that weighs 2 m/s, 2 deg/s, 2 deg, 3
+    m against 5 deg and 0.3 m/s^2.
+    """
     allowed = np.array([2, 2, np.radians(2), np.radians(2), 3.0])
     effort = np.array([np.radians(5), 0.3])
     cost, price = np.diag(allowed**-2), np.diag(effort**-2)
@@ -65,10 +68,11 @@ def altitude_autopilot(aircraft: Aircraft) -> Array:
 
 
 def imu_of_motion(aircraft: Aircraft) -> tuple[Array, Array]:
-    """Return T and T' of (f, omega) = T dx/dt + T' x, each ``(6, 5)``: what an IMU feels, in NED axes.
+    """Return T and T' of (f, omega) = T dx/dt + T' x, each ``(6, 5)``: what an IMU feels, in NED
+    axes.
 
-    The paper's Eq (33) leaves out gravity and the Coriolis terms: df_x = du/dt + W_0 q + g cos(theta_0) dtheta and
-    df_z = dw/dt - U_0 q + g sin(theta_0) dtheta.
+    The paper's Eq (33) leaves out gravity and the Coriolis terms: df_x = du/dt + W_0 q + g
+    cos(theta_0) dtheta and df_z = dw/dt - U_0 q + g sin(theta_0) dtheta.
     """
     sine, cosine = np.sin(aircraft.pitch_rad), np.cos(aircraft.pitch_rad)
     forward, down = aircraft.speed_mps * cosine, aircraft.speed_mps * sine
@@ -83,7 +87,9 @@ def imu_of_motion(aircraft: Aircraft) -> tuple[Array, Array]:
 
 
 def aircraft_state_of_ins(aircraft: Aircraft) -> Array:
-    """Return the matrix that takes (r, v, E) in NED to the aircraft's states u, w, theta and h, ``(5, 9)``; that of q is 0."""
+    """Return the matrix that takes (r, v, E) in NED to the aircraft's states u, w, theta and h,
+    ``(5, 9)``; that of q is 0.
+    """
     sine, cosine = np.sin(aircraft.pitch_rad), np.cos(aircraft.pitch_rad)
     matrix = np.zeros((5, 9))
     matrix[0, [3, 5, 7]] = [cosine, -sine, -sine * aircraft.speed_mps]

@@ -1,8 +1,9 @@
-"""The closed loop of estimator, autopilot and aircraft under a spoofing attack, in the mean (Tanil et al. 2018, Eqs 34-38).
+"""The closed loop of estimator, autopilot and aircraft under a spoofing attack, in the mean (Tanil
+et al. 2018, Eqs 34-38).
 
-The state y stacks the INS state x and the error of its estimate x~ (each ``s``), the innovations gamma (``n``) and the
-aircraft's state x_d (5). The form is not minimal, x and x_d being two accounts of one motion, and has integrator
-modes: for attacks up to some 280 s.
+The state y stacks the INS state x and the error of its estimate x~ (each ``s``), the innovations
+gamma (``n``) and the aircraft's state x_d (5). The form is not minimal, x and x_d being two
+accounts of one motion, and has integrator modes: for attacks up to some 280 s.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,9 @@ _PITCH_RATE = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """Means over an attack: INS state ``(k, s)``, error of its estimate ``(k, s)``, innovations ``(k, n)``, aircraft ``(k, 5)``."""
+    """Means over an attack: INS state ``(k, s)``, error of its estimate ``(k, s)``, innovations
+    ``(k, n)``, aircraft ``(k, 5)``.
+    """
 
     state: Array
     error: Array
@@ -27,8 +30,12 @@ class Response:
     aircraft: Array
 
 
-def respond(run: Run, aircraft: Aircraft, gains: Array, fault: Array, interval_s: float) -> Response:
-    """Return the mean response to a fault, ``(k, n)``, of an aircraft under the control -gains x, gains ``(2, 5)``."""
+def respond(
+    run: Run, aircraft: Aircraft, gains: Array, fault: Array, interval_s: float
+) -> Response:
+    """Return the mean response to a fault, ``(k, n)``, of an aircraft under the control -gains x,
+    gains ``(2, 5)``.
+    """
     states, count = run.gain.shape[1:]
     loop = _Loop(run, aircraft, gains, interval_s)
     y = np.zeros(2 * states + count + 5)
@@ -47,7 +54,9 @@ class _Loop:
         self._run = run
         states = len(run.model.transition)
         self._effect = _held_input(run, interval_s)
-        discrete = _discrete(np.block([[aircraft.dynamics, aircraft.control], [np.zeros((2, 7))]]), interval_s)
+        discrete = _discrete(
+            np.block([[aircraft.dynamics, aircraft.control], [np.zeros((2, 7))]]), interval_s
+        )
         self._aircraft, self._control = discrete[:5, :5], discrete[:5, 5:]
 
         rates, motion = imu_of_motion(aircraft)
@@ -57,7 +66,9 @@ class _Loop:
         to_aircraft[:, :9] = aircraft_state_of_ins(aircraft)
         measured = np.zeros((1, 6))
         measured[0, _PITCH_RATE] = 1
-        from_rate = gains[:, 2:3] @ measured  # K_u~: the pitch rate comes from the gyro, less its estimated bias
+        from_rate = (
+            gains[:, 2:3] @ measured
+        )  # K_u~: the pitch rate comes from the gyro, less its estimated bias
         from_state = gains @ to_aircraft - from_rate @ biases  # K'_x
         by_control = rates @ aircraft.control
         together = np.eye(6) + by_control @ from_rate
@@ -83,7 +94,11 @@ class _Loop:
                     self._effect @ self._imu_of_aircraft,
                 ],
                 [zero((states, states)), kept, zero((states, count + 5))],
-                [zero((count, states)), -model.observation @ model.transition, zero((count, count + 5))],
+                [
+                    zero((count, states)),
+                    -model.observation @ model.transition,
+                    zero((count, count + 5)),
+                ],
                 [
                     self._control @ self._control_of_state,
                     self._control @ self._control_of_error,
@@ -96,12 +111,16 @@ class _Loop:
 
 
 def _held_input(run: Run, interval_s: float) -> Array:
-    """Return Gamma of Eq (5), ``(s, 6)``: what specific force and rate, held over one interval, add to the INS state.
+    """Return Gamma of Eq (5), ``(s, 6)``: what specific force and rate, held over one interval, add
+    to the INS state.
 
-    The inertial part of the transition is recovered from the model, of which only r, v and E respond.
+    The inertial part of the transition is recovered from the model, of which only r, v and E
+    respond.
     """
     states = len(run.model.transition)
-    specific_force = -run.model.transition[VELOCITY, ATTITUDE] / interval_s  # [f x], exact: E is constant without noise
+    specific_force = (
+        -run.model.transition[VELOCITY, ATTITUDE] / interval_s
+    )  # [f x], exact: E is constant without noise
     dynamics = np.zeros((9, 15))
     dynamics[:3, 3:6] = np.eye(3)
     dynamics[3:6, 6:9] = -specific_force

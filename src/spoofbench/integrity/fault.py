@@ -1,9 +1,11 @@
-"""The worst-case fault: the sequence of false measurements that hides the largest vertical error (Tanil et al. 2018, section III-C).
+"""The worst-case fault: the sequence of false measurements that hides the largest vertical error
+(Tanil et al. 2018, section III-C).
 
-In the space of innovations the optimum has a closed form. With g_k = T^T and, backwards, gamma_i = H P_i g_i (P_i
-before the update) and g_{i-1} = Phi^T g_i, the innovations gamma of the worst fault are those of the paper's
-Eq (59), and of its late form, Eq (75), whose printed inverse is misplaced: it must read
-(B^T S^-1 B)^-1 A^T T^T. No matrix B is built: 63 MB at 281 epochs, 4 GB at 8 Hz and 280 s.
+In the space of innovations the optimum has a closed form. With g_k = T^T and, backwards, gamma_i =
+H P_i g_i (P_i before the update) and g_{i-1} = Phi^T g_i, the innovations gamma of the worst fault
+are those of the paper's Eq (59), and of its late form, Eq (75), whose printed inverse is misplaced:
+it must read (B^T S^-1 B)^-1 A^T T^T. No matrix B is built: 63 MB at 281 epochs, 4 GB at 8 Hz and
+280 s.
 """
 
 from dataclasses import dataclass
@@ -37,15 +39,20 @@ class Fault:
 
     def scaled(self, factor: float) -> "Fault":
         """Return the fault times a factor."""
-        return Fault(self.measurement * factor, self.innovation * factor, self.error * factor, self.noncentrality_squared * factor**2)
+        return Fault(
+            self.measurement * factor,
+            self.innovation * factor,
+            self.error * factor,
+            self.noncentrality_squared * factor**2,
+        )
 
 
 def worst_fault(run: Run, first: int = 1) -> Fault:
-    """Return the worst-case fault over a run's epochs, scaled to lambda = 1: its vertical error is the failure-mode slope.
+    """Return the worst-case fault over a run's epochs, scaled to lambda = 1: its vertical error is
+    the failure-mode slope.
 
-    Args:
-        run: the filter's covariances over the monitor's epochs.
-        first: the first epoch of the attack, counted from 1; a late attack leaves those before alone.
+    Args: run: the filter's covariances over the monitor's epochs. first: the first epoch of the
+        attack, counted from 1; a late attack leaves those before alone.
     """
     model, epochs = run.model, len(run)
     along = np.zeros(len(model.transition))
@@ -59,7 +66,9 @@ def worst_fault(run: Run, first: int = 1) -> Fault:
 
 
 def fault_of_innovations(run: Run, innovation: Array) -> Fault:
-    """Return the fault that gives these mean innovations, ``(k, n)`` (Eqs 47 and 48 solved for f)."""
+    """Return the fault that gives these mean innovations, ``(k, n)`` (Eqs 47 and 48 solved for
+    f).
+    """
     model = run.model
     error, measurement = np.zeros((len(run), len(model.transition))), np.empty_like(innovation)
     state = np.zeros(len(model.transition))
@@ -72,7 +81,9 @@ def fault_of_innovations(run: Run, innovation: Array) -> Fault:
 
 
 def fault_of_measurements(run: Run, measurement: Array) -> Fault:
-    """Return what a fault ``(k, n)`` does to the estimate and the innovations, in the mean (Eqs 47 and 48)."""
+    """Return what a fault ``(k, n)`` does to the estimate and the innovations, in the mean (Eqs 47
+    and 48).
+    """
     model = run.model
     error, innovation = np.zeros((len(run), len(model.transition))), np.empty_like(measurement)
     state = np.zeros(len(model.transition))
@@ -91,11 +102,12 @@ def noncentrality_squared(run: Run, innovation: Array) -> float:
 
 
 def slopes_squared(run: Run, first: int = 1) -> Array:
-    """Return rho^2 of the worst-case fault for a monitor that ends at each epoch, ``(k,)``, m^2; 0 before the attack.
+    """Return rho^2 of the worst-case fault for a monitor that ends at each epoch, ``(k,)``, m^2; 0
+    before the attack.
 
-    rho_k^2 = T (P_coast - P_k) T^T, where P_coast has coasted on inertial sensors alone since the epoch before
-    the attack: the largest hidden error is what the measurements of the attack have taken from the covariance.
-    This form is not in the paper; it equals its Eq (54).
+    rho_k^2 = T (P_coast - P_k) T^T, where P_coast has coasted on inertial sensors alone since the
+    epoch before the attack: the largest hidden error is what the measurements of the attack have
+    taken from the covariance. This form is not in the paper; it equals its Eq (54).
     """
     model = run.model
     coasting = run.start if first == 1 else run.updated[first - 2]

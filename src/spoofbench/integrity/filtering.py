@@ -1,4 +1,6 @@
-"""The covariance recursion of the filter: gains and innovation covariances, which no measurement changes."""
+"""The covariance recursion of the filter: gains and innovation covariances, which no measurement
+changes.
+"""
 
 from dataclasses import dataclass
 
@@ -34,7 +36,14 @@ class Run:
 
     def until(self, epochs: int) -> "Run":
         """Return the run over its first epochs alone."""
-        return Run(self.model, self.start, self.predicted[:epochs], self.updated[:epochs], self.gain[:epochs], self.innovation[:epochs])
+        return Run(
+            self.model,
+            self.start,
+            self.predicted[:epochs],
+            self.updated[:epochs],
+            self.gain[:epochs],
+            self.innovation[:epochs],
+        )
 
 
 def warmed_up(model: LinearModel, epochs: int) -> Array:
@@ -58,14 +67,19 @@ def covariances(model: LinearModel, start: Array, epochs: int) -> Run:
 
 
 def _epoch(model: LinearModel, covariance: Array) -> tuple[Array, Array, Array, Array]:
-    """Return P before and after the update, L and S. The update is Joseph's form, which stays symmetric and positive."""
+    """Return P before and after the update, L and S. The update is Joseph's form, which stays
+    symmetric and positive.
+    """
     observation = model.observation
     predicted = model.transition @ covariance @ model.transition.T + model.process
     crossed = observation @ predicted
     innovation = crossed @ observation.T + model.noise
     _, solved, failed = dposv(innovation, crossed)  # by Cholesky: S is symmetric and positive
     if failed:
-        raise ScenarioError("the filter's covariance has lost its meaning in rounding; bring the scenario's deviations closer together")
+        raise ScenarioError(
+            "the filter's covariance has lost its meaning in rounding; bring the scenario's "
+            "deviations closer together"
+        )
     gain = solved.T
     kept = np.eye(len(predicted)) - gain @ observation
     updated = kept @ predicted @ kept.T + gain @ model.noise @ gain.T

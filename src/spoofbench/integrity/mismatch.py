@@ -10,7 +10,9 @@ from spoofbench.integrity.model import Array, LinearModel
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """E[q] of the cumulative statistic: what noise gives, and what a fault adds (lambda^2 under the believed covariances)."""
+    """E[q] of the cumulative statistic: what noise gives, and what a fault adds (lambda^2 under the
+    believed covariances).
+    """
 
     by_noise: float
     by_fault: float
@@ -21,11 +23,15 @@ class Expected:
         return self.by_noise + self.by_fault
 
 
-def expected_statistic(truth: LinearModel, belief: LinearModel, warm_up_epochs: int, fault: Array) -> Expected:
-    """Return E[q] over a monitor's epochs, the filter running on ``belief`` since the start of the warm-up.
+def expected_statistic(
+    truth: LinearModel, belief: LinearModel, warm_up_epochs: int, fault: Array
+) -> Expected:
+    """Return E[q] over a monitor's epochs, the filter running on ``belief`` since the start of the
+    warm-up.
 
-    With e the error of the estimate and x the true error states, of which the filter's are another model, e_k =
-    (I - L H)(Phi_b e + (Phi_b - Phi_t) x - w) + L (v + f): the covariance of (e, x) is carried along.
+    With e the error of the estimate and x the true error states, of which the filter's are another
+    model, e_k = (I - L H)(Phi_b e + (Phi_b - Phi_t) x - w) + L (v + f): the covariance of (e, x) is
+    carried along.
 
     Args:
         truth, belief: models of equal states and measurements.
@@ -35,9 +41,14 @@ def expected_statistic(truth: LinearModel, belief: LinearModel, warm_up_epochs: 
     states = len(truth.transition)
     run = covariances(belief, belief.initial, warm_up_epochs + len(fault))
     wrong = belief.transition - truth.transition
-    mistaken = np.flatnonzero(np.any(wrong != 0, axis=0))  # states whose true motion the filter gets wrong
+    mistaken = np.flatnonzero(
+        np.any(wrong != 0, axis=0)
+    )  # states whose true motion the filter gets wrong
     transition = np.block(
-        [[belief.transition, wrong[:, mistaken]], [np.zeros((mistaken.size, states)), truth.transition[np.ix_(mistaken, mistaken)]]]
+        [
+            [belief.transition, wrong[:, mistaken]],
+            [np.zeros((mistaken.size, states)), truth.transition[np.ix_(mistaken, mistaken)]],
+        ]
     )
     driven = np.vstack([-np.eye(states), np.eye(states)[mistaken]])
     process = driven @ truth.process @ driven.T

@@ -1,4 +1,6 @@
-"""Integrity risk: the probability that the vertical error exceeds the alert limit and nothing is detected, in logarithms."""
+"""Integrity risk: the probability that the vertical error exceeds the alert limit and nothing is
+detected, in logarithms.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,7 +32,9 @@ class Monitor:
 
 @dataclass(frozen=True, slots=True)
 class WorstCase:
-    """The magnitude that maximises the risk: lambda, mean vertical error mu (m), and log10 of the integrity risk."""
+    """The magnitude that maximises the risk: lambda, mean vertical error mu (m), and log10 of the
+    integrity risk.
+    """
 
     noncentrality: float
     error_m: float
@@ -40,15 +44,19 @@ class WorstCase:
 def log_exceedance(mean_m: ArrayLike, deviation_m: float, limit_m: float) -> Array:
     """Return ln Pr(|eps| > l), eps ~ N(mean, deviation^2)."""
     mean = np.asarray(mean_m, float)
-    above, below = log_ndtr((mean - limit_m) / deviation_m), log_ndtr((-limit_m - mean) / deviation_m)
+    above, below = (
+        log_ndtr((mean - limit_m) / deviation_m),
+        log_ndtr((-limit_m - mean) / deviation_m),
+    )
     return np.asarray(np.logaddexp(above, below))
 
 
 def log_missed(noncentrality_squared: ArrayLike, threshold_squared: float, degrees: int) -> Array:
     """Return ln Pr(q < T^2), q noncentral chi-square.
 
-    SciPy's distribution is good to about 1e-120; below that the value is that of the normal approximation of
-    Sankaran (1963), which is continuous enough for a search, and far below any risk of interest.
+    SciPy's distribution is good to about 1e-120; below that the value is that of the normal
+    approximation of Sankaran (1963), which is continuous enough for a search, and far below any
+    risk of interest.
     """
     shift = np.asarray(noncentrality_squared, float)
     with np.errstate(divide="ignore", under="ignore"):
@@ -57,12 +65,16 @@ def log_missed(noncentrality_squared: ArrayLike, threshold_squared: float, degre
     h = 1 - 2 * total * (degrees + 3 * shift) / (3 * (degrees + 2 * shift) ** 2)
     p = (degrees + 2 * shift) / total**2
     m = (h - 1) * (1 - 3 * h)
-    z = ((threshold_squared / total) ** h - (1 + h * p * (h - 1 - 0.5 * (2 - h) * m * p))) / (h * np.sqrt(2 * p) * (1 + 0.5 * m * p))
+    z = ((threshold_squared / total) ** h - (1 + h * p * (h - 1 - 0.5 * (2 - h) * m * p))) / (
+        h * np.sqrt(2 * p) * (1 + 0.5 * m * p)
+    )
     return np.asarray(np.where(exact > -270, exact, np.minimum(log_ndtr(z), -270.0)))
 
 
 def log_risk(error_m: ArrayLike, monitor: Monitor) -> Array:
-    """Return ln I_r of the worst-case fault with mean vertical error mu (Tanil et al. 2018, Eq 45)."""
+    """Return ln I_r of the worst-case fault with mean vertical error mu (Tanil et al. 2018, Eq
+    45).
+    """
     error = np.asarray(error_m, float)
     missed = log_missed((error / monitor.slope_m) ** 2, monitor.threshold_squared, monitor.degrees)
     return log_exceedance(error, monitor.deviation_m, monitor.alert_limit_m) + missed
@@ -80,5 +92,14 @@ def maximised(function: Callable[[float], float], scale: float) -> tuple[float, 
     values = [function(point) for point in grid.tolist()]
     best = int(np.argmax(values))
     bounds = (grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)])
-    found = optimize.minimize_scalar(lambda point: -function(point), bounds=bounds, method="bounded", options={"xatol": 1e-6 * scale})
-    return (float(found.x), -float(found.fun)) if -found.fun > values[best] else (float(grid[best]), values[best])
+    found = optimize.minimize_scalar(
+        lambda point: -function(point),
+        bounds=bounds,
+        method="bounded",
+        options={"xatol": 1e-6 * scale},
+    )
+    return (
+        (float(found.x), -float(found.fun))
+        if -found.fun > values[best]
+        else (float(grid[best]), values[best])
+    )

@@ -27,12 +27,18 @@ _LEAST_UNLIKE = 1e-3
 
 
 def _check(of: Any, above_0: Sequence[str] = ()) -> None:
-    """Refuse numbers of a dataclass that are negative or not finite or beyond all bounds, and zeros where they make no sense."""
+    """Refuse numbers of a dataclass that are negative or not finite or beyond all bounds, and zeros
+    where they make no sense.
+    """
     for field in fields(of):
         value = getattr(of, field.name)
-        if field.type is float and not (0 <= value <= _LARGEST and (value or field.name not in above_0)):
+        if field.type is float and not (
+            0 <= value <= _LARGEST and (value or field.name not in above_0)
+        ):
             least = "above 0" if field.name in above_0 else "0 or more"
-            raise ScenarioError(f"{field.name} must be {least} and at most {_LARGEST:g}, not {value!r}")
+            raise ScenarioError(
+                f"{field.name} must be {least} and at most {_LARGEST:g}, not {value!r}"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +65,8 @@ class ImuErrors:
 
 @dataclass(frozen=True, slots=True)
 class GnssErrors:
-    """Errors of undifferenced ranges: white noise per epoch, and first-order Gauss-Markov multipath.
+    """Errors of undifferenced ranges: white noise per epoch, and first-order Gauss-Markov
+    multipath.
 
     Attributes:
         code_noise_m, carrier_noise_m: standard deviations of one epoch.
@@ -75,7 +82,10 @@ class GnssErrors:
     carrier_multipath_s: float
 
     def __post_init__(self) -> None:
-        _check(self, above_0=("code_noise_m", "carrier_noise_m", "code_multipath_s", "carrier_multipath_s"))
+        _check(
+            self,
+            above_0=("code_noise_m", "carrier_noise_m", "code_multipath_s", "carrier_multipath_s"),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,32 +134,53 @@ class Scenario:
             raise ScenarioError(f"name must be text, not {self.name!r}")
         _check(self, above_0=("rate_hz", "period_s", "alert_limit_m", "false_alert_probability"))
         if self.false_alert_probability >= 1:
-            raise ScenarioError(f"false_alert_probability must lie between 0 and 1, not {self.false_alert_probability!r}")
+            raise ScenarioError(
+                "false_alert_probability must lie between 0 and 1, not "
+                f"{self.false_alert_probability!r}"
+            )
         self._check_satellites()
         for name, most in (("period_s", _MOST_EPOCHS), ("warm_up_s", _MOST_WARM_UP_EPOCHS)):
             if getattr(self, name) * self.rate_hz > most:
-                raise ScenarioError(f"{name} must be at most {most} epochs of the scenario {self.name!r}, not {getattr(self, name)!r} s")
+                raise ScenarioError(
+                    f"{name} must be at most {most} epochs of the scenario {self.name!r}, not "
+                    f"{getattr(self, name)!r} s"
+                )
         for part in (self.imu, self.gnss):
             for name in (field.name for field in fields(part) if field.name.endswith("_s")):
                 if getattr(part, name) * self.rate_hz < _LEAST_TIME_CONSTANT:
                     shortest = _LEAST_TIME_CONSTANT / self.rate_hz
-                    raise ScenarioError(f"{name} must be at least {shortest:g} s at {self.rate_hz!r} Hz, not {getattr(part, name)!r}")
+                    raise ScenarioError(
+                        f"{name} must be at least {shortest:g} s at {self.rate_hz!r} Hz, not "
+                        f"{getattr(part, name)!r}"
+                    )
 
     def _check_satellites(self) -> None:
         count = len(self.satellites_deg)
         if count < 2:
-            raise ScenarioError(f"the scenario {self.name!r} has {count} satellites; differences need at least 2")
+            raise ScenarioError(
+                f"the scenario {self.name!r} has {count} satellites; differences need at least 2"
+            )
         for azimuth, elevation in self.satellites_deg:
             if not (abs(azimuth) <= 360 and abs(elevation) <= 90):
                 raise ScenarioError(
-                    f"satellites_deg must be azimuths within 360 and elevations within 90 degrees of 0, not {[azimuth, elevation]!r}"
+                    "satellites_deg must be azimuths within 360 and elevations within 90 degrees "
+                    f"of 0, not {[azimuth, elevation]!r}"
                 )
-        if np.ptp(np.sin(np.radians([elevation for _, elevation in self.satellites_deg]))) < _LEAST_UNLIKE:
+        if (
+            np.ptp(np.sin(np.radians([elevation for _, elevation in self.satellites_deg])))
+            < _LEAST_UNLIKE
+        ):
             raise ScenarioError(
-                f"the satellites of {self.name!r} are all at one elevation; differences between them do not tell the altitude"
+                f"the satellites of {self.name!r} are all at one elevation; differences between "
+                "them do not tell the altitude"
             )
-        if self.reference is not None and (not isinstance(self.reference, int) or not 0 <= self.reference < count):
-            raise ScenarioError(f"reference must be the place of a satellite, 0 to {count - 1}, not {self.reference!r}")
+        if self.reference is not None and (
+            not isinstance(self.reference, int) or not 0 <= self.reference < count
+        ):
+            raise ScenarioError(
+                f"reference must be the place of a satellite, 0 to {count - 1}, not "
+                f"{self.reference!r}"
+            )
 
     @property
     def measurements(self) -> int:
@@ -169,7 +200,14 @@ class Scenario:
         """Unit vectors to the satellites, NED, ``(m, 3)``, the reference satellite first."""
         azimuth, elevation = np.radians(np.asarray(self.satellites_deg)).T
         reference = int(np.argmax(elevation)) if self.reference is None else self.reference
-        lines = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), -np.sin(elevation)], 1)
+        lines = np.stack(
+            [
+                np.cos(elevation) * np.cos(azimuth),
+                np.cos(elevation) * np.sin(azimuth),
+                -np.sin(elevation),
+            ],
+            1,
+        )
         order = [reference, *(i for i in range(len(lines)) if i != reference)]
         return np.asarray(lines[order])
 
@@ -179,7 +217,8 @@ class Scenario:
 
 
 def load_scenario(path: Path) -> Scenario:
-    """Read a scenario from TOML: the attributes of :class:`Scenario`, with tables ``imu``, ``gnss`` and ``initial``.
+    """Read a scenario from TOML: the attributes of :class:`Scenario`, with tables ``imu``, ``gnss``
+    and ``initial``.
 
     Raises:
         ScenarioError: the file cannot be read, or a key is unknown, missing or of the wrong type.
@@ -195,7 +234,9 @@ def load_scenario(path: Path) -> Scenario:
     satellites = content.get("satellites_deg")
     if satellites is not None:
         if not isinstance(satellites, list) or not all(_is_pair(pair) for pair in satellites):
-            raise ScenarioError(f"satellites_deg of {path.name!r} must be a list of [azimuth, elevation]")
+            raise ScenarioError(
+                f"satellites_deg of {path.name!r} must be a list of [azimuth, elevation]"
+            )
         content["satellites_deg"] = tuple((azimuth, elevation) for azimuth, elevation in satellites)
     scenario: Scenario = _made(Scenario, {"name": path.stem, **content}, repr(path.name))
     return scenario
@@ -214,7 +255,9 @@ def _made(kind: type[Any], values: Any, where: str) -> Any:
     if not isinstance(values, dict):
         raise ScenarioError(f"{where} must be a table")
     if unknown := sorted(values.keys() - known):
-        raise ScenarioError(f"{where} has an unknown key {unknown[0]!r}; the keys are {sorted(known)}")
+        raise ScenarioError(
+            f"{where} has an unknown key {unknown[0]!r}; the keys are {sorted(known)}"
+        )
     texts = {"name", "satellites_deg", "imu", "gnss", "initial"}
     for name, value in values.items():
         if name not in texts and not _is_number(value):
@@ -222,4 +265,6 @@ def _made(kind: type[Any], values: Any, where: str) -> Any:
     try:
         return kind(**values)
     except TypeError as error:
-        raise ScenarioError(f"{where} is incomplete: {str(error).partition('missing ')[2] or error}") from error
+        raise ScenarioError(
+            f"{where} is incomplete: {str(error).partition('missing ')[2] or error}"
+        ) from error

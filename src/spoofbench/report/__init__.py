@@ -1,4 +1,6 @@
-"""The report of a results folder: in the terminal, as Markdown, and as one page that works offline."""
+"""The report of a results folder: in the terminal, as Markdown, and as one page that works
+offline.
+"""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

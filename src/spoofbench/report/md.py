@@ -19,7 +19,18 @@ _SPECIAL = re.compile(r"([\\`*_{}\[\]<>()#+!|~$&@:-])")
 
 def as_markdown(board: Board) -> str:
     """Return the leaderboard, its legend and the detection percentages by attack."""
-    head = ["#", "Detector", "FA/h", "95 %", "Det %", "95 %", "TTFD median, s", "TTFD 90 %, s", "Avail %", "Fail"]
+    head = [
+        "#",
+        "Detector",
+        "FA/h",
+        "95 %",
+        "Det %",
+        "95 %",
+        "TTFD median, s",
+        "TTFD 90 %, s",
+        "Avail %",
+        "Fail",
+    ]
     rows = [
         [
             NONE if row.rank is None else str(row.rank),
@@ -35,7 +46,10 @@ def as_markdown(board: Board) -> str:
         ]
         for row in board.ranking.rows
     ]
-    attacks = [[escape(row.detector), *map(cell_text, board.cells(row.detector))] for row in board.ranking.rows]
+    attacks = [
+        [escape(row.detector), *map(cell_text, board.cells(row.detector))]
+        for row in board.ranking.rows
+    ]
     return (
         "\n\n".join(
             [
@@ -52,13 +66,18 @@ def as_markdown(board: Board) -> str:
 
 def escape(text: str, keep: str = "-") -> str:
     """Return text that Markdown shows as it is; a line break becomes a blank."""
-    return _SPECIAL.sub(lambda found: found[0] if found[0] in keep else f"\\{found[0]}", printable(" ".join(text.split())))
+    return _SPECIAL.sub(
+        lambda found: found[0] if found[0] in keep else f"\\{found[0]}",
+        printable(" ".join(text.split())),
+    )
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """The column of names, headed ``Detector``, is set left; figures right."""
     rule = [":--" if name == "Detector" else "--:" for name in head]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *(_literal(row) for row in rows)))
+    return "\n".join(
+        f"| {' | '.join(cells)} |" for cells in (head, rule, *(_literal(row) for row in rows))
+    )
 
 
 def _literal(cells: Sequence[str]) -> list[str]:

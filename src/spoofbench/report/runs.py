@@ -8,8 +8,24 @@ from typing import Any
 import numpy as np
 
 from spoofbench.report.text import NONE, between, percent, rate, seconds, share_percent
-from spoofbench.report.traces import STEPS, Plane, Pool, interval_s, milliseconds, pack_scores, thinned
-from spoofbench.results import Task, Truth, has_truth, read_outcome, read_rows, read_tasks, read_truth
+from spoofbench.report.traces import (
+    STEPS,
+    Plane,
+    Pool,
+    interval_s,
+    milliseconds,
+    pack_scores,
+    thinned,
+)
+from spoofbench.results import (
+    Task,
+    Truth,
+    has_truth,
+    read_outcome,
+    read_rows,
+    read_tasks,
+    read_truth,
+)
 from spoofbench.scoring.folder import SCORE_SCHEMA
 from spoofbench.scoring.grid import GUARD_S
 
@@ -20,18 +36,24 @@ _DECISION_BYTES = 6_000_000
 """What the decisions of all runs may take, each an equal part; a run that needs more is thinned."""
 
 _TIMED_BYTES, _UNTIMED_BYTES = 8, 8 / 3
-"""A decision in base64, with a time of its own (4 + 2 bytes) and at the variant's epochs (2 bytes)."""
+"""A decision in base64, with a time of its own (4 + 2 bytes) and at the variant's epochs (2 bytes).
+"""
 
 
 def payload(folder: Path, best: str) -> dict[str, Any]:
-    """Return the page's data for the whole folder, ready for JSON; the page opens with the ``best`` detector under attack.
+    """Return the page's data for the whole folder, ready for JSON; the page opens with the ``best``
+    detector under attack.
 
     Raises:
         ResultsError: the folder lacks a file or a file is damaged.
     """
     tasks = read_tasks(folder)
     scores = {row["task_id"]: row for row in read_rows(folder / "scores.parquet", SCORE_SCHEMA)}
-    truths = {task.variant_id: read_truth(folder, task.variant_id) for task in tasks if has_truth(folder, task.variant_id)}
+    truths = {
+        task.variant_id: read_truth(folder, task.variant_id)
+        for task in tasks
+        if has_truth(folder, task.variant_id)
+    }
     pool = Pool()
     planes = _planes(tasks, truths)
     of_variant: dict[str, Task] = {}
@@ -41,11 +63,22 @@ def payload(folder: Path, best: str) -> dict[str, Any]:
     room = _DECISION_BYTES / max(len(tasks), 1)
     return {
         "steps": STEPS,
-        "variants": [_variant(task, truths.get(name), planes.get(task.recording), pool) for name, task in of_variant.items()],
-        "runs": [
-            _run(task, place[task.variant_id], scores.get(task.task_id, {}), _trace(folder, task, truths, pool, room)) for task in tasks
+        "variants": [
+            _variant(task, truths.get(name), planes.get(task.recording), pool)
+            for name, task in of_variant.items()
         ],
-        "first": next((i for i, task in enumerate(tasks) if task.attack and task.detector == best), 0),
+        "runs": [
+            _run(
+                task,
+                place[task.variant_id],
+                scores.get(task.task_id, {}),
+                _trace(folder, task, truths, pool, room),
+            )
+            for task in tasks
+        ],
+        "first": next(
+            (i for i, task in enumerate(tasks) if task.attack and task.detector == best), 0
+        ),
         "arrays": pool.items,
     }
 
@@ -73,7 +106,12 @@ def _planes(tasks: Iterable[Task], truths: Mapping[str, Truth]) -> dict[str, Pla
 def _variant(task: Task, truth: Truth | None, plane: Plane | None, pool: Pool) -> dict[str, Any]:
     name = {key: text for key, text in labels(task).items() if key != "detector"}
     if truth is None or not truth.time_ns.size:
-        return name | {"epochs": pool.add([], "<i4"), "clean": pool.add([], "<i4"), "attacked": [], "intervals": []}
+        return name | {
+            "epochs": pool.add([], "<i4"),
+            "clean": pool.add([], "<i4"),
+            "attacked": [],
+            "intervals": [],
+        }
     start_ns = int(truth.time_ns[0])
     plane = plane or Plane(0.0, 0.0)
     attacked = []
@@ -91,7 +129,9 @@ def _variant(task: Task, truth: Truth | None, plane: Plane | None, pool: Pool) -
     }
 
 
-def _trace(folder: Path, task: Task, truths: Mapping[str, Truth], pool: Pool, room: float) -> dict[str, int] | None:
+def _trace(
+    folder: Path, task: Task, truths: Mapping[str, Truth], pool: Pool, room: float
+) -> dict[str, int] | None:
     outcome = read_outcome(folder, task.task_id)
     truth = truths.get(task.variant_id)
     if outcome is None or outcome.decisions is None or truth is None or not truth.time_ns.size:
@@ -99,7 +139,11 @@ def _trace(folder: Path, task: Task, truths: Mapping[str, Truth], pool: Pool, ro
     decisions = outcome.decisions
     shared = np.array_equal(decisions.time_ns, truth.time_ns)
     n = decisions.time_ns.size
-    rows = np.arange(n) if shared and n * _UNTIMED_BYTES <= room else thinned(decisions, max(200, int(room / _TIMED_BYTES)))
+    rows = (
+        np.arange(n)
+        if shared and n * _UNTIMED_BYTES <= room
+        else thinned(decisions, max(200, int(room / _TIMED_BYTES)))
+    )
     return {
         "time": pool.add(milliseconds(decisions.time_ns[rows], int(truth.time_ns[0])), "<i4"),
         "score": pool.add(pack_scores(decisions.score[rows], decisions.available[rows]), "<i2"),
@@ -107,7 +151,9 @@ def _trace(folder: Path, task: Task, truths: Mapping[str, Truth], pool: Pool, ro
     }
 
 
-def _run(task: Task, variant: int, scores: Mapping[str, Any], trace: dict[str, int] | None) -> dict[str, Any]:
+def _run(
+    task: Task, variant: int, scores: Mapping[str, Any], trace: dict[str, int] | None
+) -> dict[str, Any]:
     return {
         "variant": variant,
         "detector": task.detector,
@@ -121,19 +167,33 @@ def _run(task: Task, variant: int, scores: Mapping[str, Any], trace: dict[str, i
 
 
 def _facts(task: Task, scores: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Name and text of what is to be said beside a run's plots; a clean run has no detection, an attacked no false alerts."""
+    """Name and text of what is to be said beside a run's plots; a clean run has no detection, an
+    attacked no false alerts.
+    """
     if task.attack is None:
         low, high = rate(scores.get("far_per_hour_lo")), rate(scores.get("far_per_hour_hi"))
         figures = [
-            ("False alerts", _unit(rate(scores.get("far_per_hour")), f"per hour (95 %: {between(low, high)})")),
-            ("Alerted share of available clean epochs", _unit(share_percent(scores.get("far_epoch")), "%")),
+            (
+                "False alerts",
+                _unit(rate(scores.get("far_per_hour")), f"per hour (95 %: {between(low, high)})"),
+            ),
+            (
+                "Alerted share of available clean epochs",
+                _unit(share_percent(scores.get("far_epoch")), "%"),
+            ),
         ]
     else:
         figures = [
             ("Detection", _unit(percent(scores.get("detection_pct")), "%")),
-            ("Detection where available", _unit(percent(scores.get("detection_pct_available")), "%")),
+            (
+                "Detection where available",
+                _unit(percent(scores.get("detection_pct_available")), "%"),
+            ),
             ("Time to first detection", _unit(seconds(scores.get("ttfd_s")), "s")),
-            ("Position error at detection", _unit(rate(scores.get("position_error_at_detection_m")), "m")),
+            (
+                "Position error at detection",
+                _unit(rate(scores.get("position_error_at_detection_m")), "m"),
+            ),
             ("Attack parameters", _parameters(task.attack_parameters)),
         ]
     return [

@@ -1,4 +1,6 @@
-"""The page: one file with its styles, scripts and data, and the same leaderboard for machines beside it."""
+"""The page: one file with its styles, scripts and data, and the same leaderboard for machines
+beside it.
+"""
 
 import json
 from collections.abc import Mapping
@@ -26,22 +28,39 @@ def write(folder: Path, site: Path) -> Path:
     board, run = read_board(folder), read_run(folder)
     texts = {
         "leaderboard.md": as_markdown(board),
-        "leaderboard.json": json.dumps(asdict(board.ranking) | {"clean_h": board.extent.clean_h}, indent=1, allow_nan=False) + "\n",
+        "leaderboard.json": json.dumps(
+            asdict(board.ranking) | {"clean_h": board.extent.clean_h}, indent=1, allow_nan=False
+        )
+        + "\n",
         "index.html": _page(board, run, payload(folder, board.ranking.rows[0].detector)),
     }
     for name, text in texts.items():
-        write_whole(site / name, partial(Path.write_text, data=text, encoding="utf-8", newline="\n"))
+        write_whole(
+            site / name, partial(Path.write_text, data=text, encoding="utf-8", newline="\n")
+        )
     return site / "index.html"
 
 
 def _page(board: Board, run: Mapping[str, Any], data: Mapping[str, Any]) -> str:
     assets = files("spoofbench.report")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.policies["json.dumps_kwargs"] = {"sort_keys": True, "allow_nan": False, "separators": (",", ":")}
-    template = environment.from_string((assets / "templates" / "index.html.j2").read_text(encoding="utf-8"))
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.policies["json.dumps_kwargs"] = {
+        "sort_keys": True,
+        "allow_nan": False,
+        "separators": (",", ":"),
+    }
+    template = environment.from_string(
+        (assets / "templates" / "index.html.j2").read_text(encoding="utf-8")
+    )
 
     def inline(names: tuple[str, ...]) -> Markup:
-        return Markup("\n".join((assets / "assets" / name).read_text(encoding="utf-8").strip() for name in names))  # noqa: S704
+        return Markup(
+            "\n".join(
+                (assets / "assets" / name).read_text(encoding="utf-8").strip() for name in names
+            )
+        )
 
     return template.render(
         title=_title(run),
@@ -63,4 +82,8 @@ def _page(board: Board, run: Mapping[str, Any], data: Mapping[str, Any]) -> str:
 def _title(run: Mapping[str, Any]) -> str:
     suite = run.get("suite")
     name = suite.get("name") if isinstance(suite, Mapping) else suite
-    return f"GNSS spoofing detectors on suite {name}" if isinstance(name, str) else "GNSS spoofing detectors"
+    return (
+        f"GNSS spoofing detectors on suite {name}"
+        if isinstance(name, str)
+        else "GNSS spoofing detectors"
+    )

@@ -50,7 +50,9 @@ def read_board(folder: Path) -> Board:
 
 
 def _extent(folder: Path, tasks: Sequence[Task]) -> Extent:
-    variants = {task.variant_id: task.attack for task in tasks if has_truth(folder, task.variant_id)}
+    variants = {
+        task.variant_id: task.attack for task in tasks if has_truth(folder, task.variant_id)
+    }
     clean = [read_truth(folder, variant) for variant, attack in variants.items() if attack is None]
     longest_s: dict[str, float] = {}
     for event in read_rows(folder / "events.parquet", EVENT_SCHEMA):
@@ -63,7 +65,9 @@ def _extent(folder: Path, tasks: Sequence[Task]) -> Extent:
 
 
 def time_to_detection(value_s: float | None, row: Row, extent: Extent) -> str:
-    """Return a Kaplan-Meier quantile; where too few attacks are ever detected, that it exceeds the longest attack."""
+    """Return a Kaplan-Meier quantile; where too few attacks are ever detected, that it exceeds the
+    longest attack.
+    """
     if value_s is None and row.detector in extent.longest_attack_s:
         return f"> {seconds(extent.longest_attack_s[row.detector])}"
     return seconds(value_s)
@@ -75,7 +79,9 @@ def far_interval(row: Row) -> str:
 
 
 def detection_interval(row: Row) -> str:
-    """Return the 95 % interval of the detection percentage over sessions; a dash below 5 sessions."""
+    """Return the 95 % interval of the detection percentage over sessions; a dash below 5
+    sessions.
+    """
     return between(percent(row.detection_pct_lo), percent(row.detection_pct_hi))
 
 
@@ -87,9 +93,18 @@ def cell_text(cell: Cell | None) -> str:
 def basis(board: Board) -> str:
     """Return what the numbers rest on, one sentence."""
     ranking, extent = board.ranking, board.extent
-    detectors, attacks = counted(len(ranking.rows), "detector"), counted(len(ranking.attacks), "attack")
-    variants, recordings = counted(extent.attacked_variants, "attacked variant"), counted(ranking.recordings, "recording")
-    return f"{detectors}; {attacks}, {variants}; {recordings}, {counted(ranking.sessions, 'session')}, {rate(extent.clean_h)} h."
+    detectors, attacks = (
+        counted(len(ranking.rows), "detector"),
+        counted(len(ranking.attacks), "attack"),
+    )
+    variants, recordings = (
+        counted(extent.attacked_variants, "attacked variant"),
+        counted(ranking.recordings, "recording"),
+    )
+    return (
+        f"{detectors}; {attacks}, {variants}; {recordings}, "
+        f"{counted(ranking.sessions, 'session')}, {rate(extent.clean_h)} h."
+    )
 
 
 def legend(board: Board) -> list[str]:
@@ -99,12 +114,22 @@ def legend(board: Board) -> list[str]:
     lines = [
         basis(board),
         ranking.note,
-        f"Target FA/h: {ranking.target_far_per_hour:g}; * is above it even at the lower end and ranks below the rest.",
+        (
+            f"Target FA/h: {ranking.target_far_per_hour:g}; * is above it even at the lower end "
+            "and ranks below the rest."
+        ),
         "FA/h: alarm episodes per available clean hour, exact (Garwood) 95 % interval.",
         "Det %: alerted share of all spoofed epochs; unavailable ones count as missed. "
-        + ("95 % interval by bootstrap over sessions." if clustered else "No interval below 5 sessions."),
+        + (
+            "95 % interval by bootstrap over sessions."
+            if clustered
+            else "No interval below 5 sessions."
+        ),
         "TTFD: time to first detection, s, Kaplan-Meier; > beyond the longest attack.",
-        "Avail %: available share of clean epochs. Fail: tasks that crashed or ran over a limit; they count as misses. - is unknown.",
+        (
+            "Avail %: available share of clean epochs. Fail: tasks that crashed or ran over a "
+            "limit; they count as misses. - is unknown."
+        ),
     ]
     return [line for line in lines if line]
 

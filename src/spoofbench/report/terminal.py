@@ -40,7 +40,15 @@ def print_board(board: Board, console: Console) -> None:
 
 def _lines(texts: Iterable[str], width: int) -> Text:
     """Paragraphs with a hanging indent, and a blank line; no-break blanks hold."""
-    return Text("\n".join([fill(printable(text), width, subsequent_indent="  ", break_on_hyphens=False) for text in texts] + [""]))
+    return Text(
+        "\n".join(
+            [
+                fill(printable(text), width, subsequent_indent="  ", break_on_hyphens=False)
+                for text in texts
+            ]
+            + [""]
+        )
+    )
 
 
 def _name(name: str) -> Text:
@@ -49,7 +57,15 @@ def _name(name: str) -> Text:
 
 
 def _table(title: str) -> Table:
-    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, padding=0, pad_edge=False, show_edge=False)
+    return Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        padding=0,
+        pad_edge=False,
+        show_edge=False,
+    )
 
 
 def _leaderboard(board: Board) -> Table:
@@ -93,9 +109,15 @@ def _by_attack(board: Board, width: int) -> Iterator[Table]:
 
 def _letters(n: int) -> list[str]:
     """``a`` to ``z``, then ``aa`` and on."""
-    return [ascii_lowercase[i] if i < 26 else ascii_lowercase[i // 26 - 1] + ascii_lowercase[i % 26] for i in range(n)]
+    return [
+        ascii_lowercase[i] if i < 26 else ascii_lowercase[i // 26 - 1] + ascii_lowercase[i % 26]
+        for i in range(n)
+    ]
 
 
 def _key(board: Board) -> str:
     attacks = board.ranking.attacks
-    return "  ".join(f"{letter}\N{NO-BREAK SPACE}{name}" for letter, name in zip(_letters(len(attacks)), attacks, strict=True))
+    return "  ".join(
+        f"{letter}\N{NO-BREAK SPACE}{name}"
+        for letter, name in zip(_letters(len(attacks)), attacks, strict=True)
+    )

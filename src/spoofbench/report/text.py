@@ -1,10 +1,14 @@
-"""Numbers as text: the same in the terminal, in Markdown and on the page. Null is a dash, never 0."""
+"""Numbers as text: the same in the terminal, in Markdown and on the page. Null is a dash, never
+0.
+"""
 
 NONE = "-"
 
 
 def rate(value: float | None) -> str:
-    """Return a rate or its bound with about three figures: ``0``, ``0.07``, ``6.91``, ``41.2``, ``1,204``."""
+    """Return a rate or its bound with about three figures: ``0``, ``0.07``, ``6.91``, ``41.2``,
+    ``1,204``.
+    """
     if value is None:
         return NONE
     if value == 0:
@@ -16,7 +20,9 @@ def rate(value: float | None) -> str:
 
 
 def percent(value: float | None) -> str:
-    """Return a percentage with one decimal; what is not quite 0 or 100 is not written as 0.0 or 100.0."""
+    """Return a percentage with one decimal; what is not quite 0 or 100 is not written as 0.0 or
+    100.0.
+    """
     if value is None:
         return NONE
     if 0 < value < 0.05:
@@ -50,4 +56,9 @@ def counted(n: int, noun: str) -> str:
 
 def printable(text: str) -> str:
     """Return text without control characters, which a terminal would obey."""
-    return "".join(letter if letter.isprintable() or letter == "\N{NO-BREAK SPACE}" else "\N{REPLACEMENT CHARACTER}" for letter in text)
+    return "".join(
+        letter
+        if letter.isprintable() or letter == "\N{NO-BREAK SPACE}"
+        else "\N{REPLACEMENT CHARACTER}"
+        for letter in text
+    )

@@ -1,7 +1,8 @@
-"""Decisions and tracks as the page carries them: little-endian integers in base64, each array stored once.
+"""Decisions and tracks as the page carries them: little-endian integers in base64, each array
+stored once.
 
-Rounding, said on the page too: times to 1 ms, positions to 0.1 m, scores to 0.0005 up to 1 and to 0.12 %
-above. Rounding never moves a score over the threshold.
+Rounding, said on the page too: times to 1 ms, positions to 0.1 m, scores to 0.0005 up to 1 and to
+0.12 % above. Rounding never moves a score over the threshold.
 """
 
 import base64
@@ -23,7 +24,9 @@ STEPS = 2000
 
 @dataclass(slots=True)
 class Pool:
-    """Arrays in base64, equal ones once: epochs and clean tracks are shared by all variants of a recording."""
+    """Arrays in base64, equal ones once: epochs and clean tracks are shared by all variants of a
+    recording.
+    """
 
     items: list[str] = field(default_factory=list)
     _places: dict[str, int] = field(default_factory=dict)
@@ -48,15 +51,27 @@ class Plane:
     def at_start(cls, truth: Truth) -> "Plane | None":
         """Return the plane at the first clean position, None where there is no position at all."""
         known = np.flatnonzero(~np.isnan(truth.clean_lat_deg) & ~np.isnan(truth.clean_lon_deg))
-        return cls(float(truth.clean_lat_deg[known[0]]), float(truth.clean_lon_deg[known[0]])) if known.size else None
+        return (
+            cls(float(truth.clean_lat_deg[known[0]]), float(truth.clean_lon_deg[known[0]]))
+            if known.size
+            else None
+        )
 
-    def east_north_dm(self, lat_deg: NDArray[np.float64], lon_deg: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Return east and north in decimetres, int32 ``(2, n)``, ``ABSENT_DM`` where there is no position."""
+    def east_north_dm(
+        self, lat_deg: NDArray[np.float64], lon_deg: NDArray[np.float64]
+    ) -> NDArray[np.int32]:
+        """Return east and north in decimetres, int32 ``(2, n)``, ``ABSENT_DM`` where there is no
+        position.
+        """
         import pymap3d
 
-        east_m, north_m, _ = pymap3d.geodetic2enu(lat_deg, lon_deg, 0.0, self.lat_deg, self.lon_deg, 0.0)
+        east_m, north_m, _ = pymap3d.geodetic2enu(
+            lat_deg, lon_deg, 0.0, self.lat_deg, self.lon_deg, 0.0
+        )
         plane_dm = np.rint(10 * np.array([east_m, north_m]))
-        return np.where(np.isnan(plane_dm).any(0), ABSENT_DM, np.nan_to_num(plane_dm)).astype(np.int32)
+        return np.where(np.isnan(plane_dm).any(0), ABSENT_DM, np.nan_to_num(plane_dm)).astype(
+            np.int32
+        )
 
 
 def milliseconds(time_ns: NDArray[np.int64], start_ns: int) -> NDArray[np.int64]:
@@ -72,8 +87,8 @@ def interval_s(interval: Interval, start_ns: int) -> tuple[float, float]:
 def thinned(decisions: Decisions, limit: int) -> NDArray[np.intp]:
     """Return the rows to draw: all, or about ``limit`` of them.
 
-    Of each of ``limit // 4`` equal stretches of rows the lowest score, the highest, and the first and last
-    unavailable row stay. The highest stays, so a stretch with an alert keeps one.
+    Of each of ``limit // 4`` equal stretches of rows the lowest score, the highest, and the first
+    and last unavailable row stay. The highest stays, so a stretch with an alert keeps one.
     """
     n = decisions.time_ns.size
     if n <= limit:
@@ -83,7 +98,10 @@ def thinned(decisions: Decisions, limit: int) -> NDArray[np.intp]:
         usable = decisions.available[rows]
         seen, unseen = rows[usable], rows[~usable]
         if seen.size:
-            kept |= {int(seen[np.argmin(decisions.score[seen])]), int(seen[np.argmax(decisions.score[seen])])}
+            kept |= {
+                int(seen[np.argmin(decisions.score[seen])]),
+                int(seen[np.argmax(decisions.score[seen])]),
+            }
         if unseen.size:
             kept |= {int(unseen[0]), int(unseen[-1])}
     return np.array(sorted(kept))
@@ -92,11 +110,13 @@ def thinned(decisions: Decisions, limit: int) -> NDArray[np.intp]:
 def pack_scores(score: NDArray[np.float64], available: NDArray[np.bool_]) -> NDArray[np.int16]:
     """Return scores on an axis linear up to 1 and logarithmic above, in steps of 1 / ``STEPS``.
 
-    ``y = s`` for ``|s| <= 1``, else ``sign(s) (1 + log10 |s|)``; +inf is ``INFINITE``, unavailable ``UNAVAILABLE``.
-    A score above 1 stays above, one at or below 1 stays there.
+    ``y = s`` for ``|s| <= 1``, else ``sign(s) (1 + log10 |s|)``; +inf is ``INFINITE``, unavailable
+    ``UNAVAILABLE``. A score above 1 stays above, one at or below 1 stays there.
     """
     size = np.abs(np.where(available, score, 0.0))
-    y = np.where(size > 1, 1 + np.log10(np.maximum(size, 1)), size) * np.sign(np.where(available, score, 0.0))
+    y = np.where(size > 1, 1 + np.log10(np.maximum(size, 1)), size) * np.sign(
+        np.where(available, score, 0.0)
+    )
     steps = np.rint(np.clip(y * STEPS, UNAVAILABLE + 1, INFINITE - 1))
     steps = np.where(score > 1, np.maximum(steps, STEPS + 1), np.minimum(steps, STEPS))
     steps = np.where(np.isposinf(score), INFINITE, steps)

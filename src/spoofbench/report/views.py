@@ -6,7 +6,14 @@ from typing import Any, Literal
 from urllib.parse import urlencode
 
 from spoofbench.report.runs import labels
-from spoofbench.report.tables import Board, cell_text, detection_interval, exceeds_target, far_interval, time_to_detection
+from spoofbench.report.tables import (
+    Board,
+    cell_text,
+    detection_interval,
+    exceeds_target,
+    far_interval,
+    time_to_detection,
+)
 from spoofbench.report.text import NONE, between, percent, rate, share_percent
 from spoofbench.results import FAILURES
 from spoofbench.scoring.ranking import Cell, Row
@@ -37,7 +44,9 @@ COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One table cell: text, what stands beside it, and what it sorts by ("" is unknown, and last)."""
+    """One table cell: text, what stands beside it, and what it sorts by ("" is unknown, and
+    last).
+    """
 
     text: str
     beside: str = ""
@@ -50,7 +59,11 @@ def figures(row: Row, board: Board) -> list[Figure]:
     return [
         _figure(NONE if row.rank is None else str(row.rank), row.rank),
         Figure(row.detector, "baseline" if row.baseline else "", row.detector),
-        _figure(rate(row.far_per_hour), row.far_per_hour, far_interval(row) + ("*" if exceeds_target(row) else "")),
+        _figure(
+            rate(row.far_per_hour),
+            row.far_per_hour,
+            far_interval(row) + ("*" if exceeds_target(row) else ""),
+        ),
         _figure(percent(row.detection_pct), row.detection_pct, detection_interval(row)),
         _figure(share_percent(row.p_md), row.p_md, missed),
         _detection_time(row.ttfd_median_s, row, board),
@@ -61,18 +74,26 @@ def figures(row: Row, board: Board) -> list[Figure]:
 
 
 def _figure(text: str, value: float | None, interval: str = NONE) -> Figure:
-    return Figure(text, "" if interval == NONE else interval, "" if value is None else repr(float(value)))
+    return Figure(
+        text, "" if interval == NONE else interval, "" if value is None else repr(float(value))
+    )
 
 
 def _detection_time(value_s: float | None, row: Row, board: Board) -> Figure:
     """A time beyond the longest attack sorts behind all known ones, before unknown ones."""
     beyond = "inf" if row.events else ""
-    return Figure(time_to_detection(value_s, row, board.extent), "", beyond if value_s is None else repr(float(value_s)))
+    return Figure(
+        time_to_detection(value_s, row, board.extent),
+        "",
+        beyond if value_s is None else repr(float(value_s)),
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Shade:
-    """One cell of the table by attack: text, its share of full colour in percent, where it leads, what it says in words."""
+    """One cell of the table by attack: text, its share of full colour in percent, where it leads,
+    what it says in words.
+    """
 
     text: str
     share: float | None
@@ -83,14 +104,20 @@ class Shade:
 
 def shades(detector: str, board: Board) -> list[Shade]:
     """Return a detector's cells against each attack, each with the address of its first run."""
-    return [_shade(detector, attack, cell, board) for attack, cell in zip(board.ranking.attacks, board.cells(detector), strict=True)]
+    return [
+        _shade(detector, attack, cell, board)
+        for attack, cell in zip(board.ranking.attacks, board.cells(detector), strict=True)
+    ]
 
 
 def _shade(detector: str, attack: str, cell: Cell | None, board: Board) -> Shade:
     pct = None if cell is None else cell.detection_pct
     text, note = cell_text(cell), "" if cell is None else _note(cell)
     runs = [task for task in board.tasks if task.detector == detector and task.attack == attack]
-    best = next((task for task in runs if task.status == "ok" or task.status in FAILURES), runs[0] if runs else None)
+    best = next(
+        (task for task in runs if task.status == "ok" or task.status in FAILURES),
+        runs[0] if runs else None,
+    )
     return Shade(
         text=text,
         share=None if pct is None else round(pct, 1),
@@ -107,8 +134,14 @@ def _note(cell: Cell) -> str:
 
 
 def versions(run: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return what a run's results rest on: versions, machine and digests of the inputs, as name and text."""
-    groups = [(group, run[group]) for group in ("versions", "machine", "inputs") if isinstance(run.get(group), Mapping)]
+    """Return what a run's results rest on: versions, machine and digests of the inputs, as name and
+    text.
+    """
+    groups = [
+        (group, run[group])
+        for group in ("versions", "machine", "inputs")
+        if isinstance(run.get(group), Mapping)
+    ]
     return [
         (name if group == "versions" else f"{group}: {name}", str(value))
         for group, facts in groups

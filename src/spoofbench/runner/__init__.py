@@ -1,9 +1,10 @@
 """The runner: every recording of a suite, unattacked and under every attack, before every detector.
 
-The main process never runs a plugin's code and never holds a recording. A server that has imported everything
-heavy forks workers: one describes a plugin, one prepares a recording (and knows the truth), one runs a detector on
-a group of variants (and has nothing but blind material). Decisions come back through a pipe, and each task's
-outcome is a file named by the hash of all that decides it: a run that was killed goes on where it stood.
+The main process never runs a plugin's code and never holds a recording. A server that has imported
+everything heavy forks workers: one describes a plugin, one prepares a recording (and knows the
+truth), one runs a detector on a group of variants (and has nothing but blind material). Decisions
+come back through a pipe, and each task's outcome is a file named by the hash of all that decides
+it: a run that was killed goes on where it stood.
 """
 
 import os
@@ -48,25 +49,35 @@ def run(
         retry_failed: with ``resume``, run tasks again that failed, timed out or ran out of memory.
         progress: gets the share of tasks that are done, from several threads, one at a time.
 
-    Raises:
-        SuiteError, PluginError: the suite asks for a plugin or parameter that does not exist.
-        ResultsError: the folder has results of another run, or the server of the workers was killed.
+    Raises: SuiteError, PluginError: the suite asks for a plugin or parameter that does not exist.
+        ResultsError: the folder has results of another run, or the server of the workers was
+        killed.
     """
     for group, entries in ((plugins.ATTACKS, suite.attacks), (plugins.DETECTORS, suite.detectors)):
         for entry in entries:
             plugins.find(group, entry.plugin)
     check_folder(folder, suite.name, resume=resume)
     width = max(1, workers or os.cpu_count() or 1)
-    total = len(suite.detectors) * sum(1 + len(suite.seeds) * len(suite.attacks_on(entry.id)) for entry in suite.recordings)
+    total = len(suite.detectors) * sum(
+        1 + len(suite.seeds) * len(suite.attacks_on(entry.id)) for entry in suite.recordings
+    )
     with ThreadPoolExecutor(width) as pool, Server() as server:
-        attacks = list(pool.map(lambda entry: describe(server, suite, plugins.ATTACKS, entry), suite.attacks))
-        detectors = list(pool.map(lambda entry: describe(server, suite, plugins.DETECTORS, entry), suite.detectors))
+        attacks = list(
+            pool.map(lambda entry: describe(server, suite, plugins.ATTACKS, entry), suite.attacks)
+        )
+        detectors = list(
+            pool.map(
+                lambda entry: describe(server, suite, plugins.DETECTORS, entry), suite.detectors
+            )
+        )
         ledger = Ledger(folder, suite.name, total, retry_failed=retry_failed, progress=progress)
         preparations = [Preparation(server, suite, entry, ledger) for entry in suite.recordings]
         _execute(pool, preparations, width, attacks, detectors)
     tasks = [task for preparation in preparations for task in preparation.tasks]
     ledger.sweep(tasks)
-    write_tasks(folder, [task.row(suite.target_far_per_hour, *ledger.found[task.id]) for task in tasks])
+    write_tasks(
+        folder, [task.row(suite.target_far_per_hour, *ledger.found[task.id]) for task in tasks]
+    )
     ledger.write_costs(task.id for task in tasks)
     inputs = {preparation.recording.id: preparation.survey.digest for preparation in preparations}
     write_run(folder, _about(suite, inputs, [*attacks, *detectors]))
@@ -74,9 +85,15 @@ def run(
 
 
 def _execute(
-    pool: ThreadPoolExecutor, preparations: Sequence[Preparation], width: int, attacks: Sequence[Part], detectors: Sequence[Part]
+    pool: ThreadPoolExecutor,
+    preparations: Sequence[Preparation],
+    width: int,
+    attacks: Sequence[Part],
+    detectors: Sequence[Part],
 ) -> None:
-    """Prepare recordings and run their groups, as many at a time as there are workers; material goes with its last group."""
+    """Prepare recordings and run their groups, as many at a time as there are workers; material
+    goes with its last group.
+    """
     waiting, futures = deque(preparations), dict[Future[list[Job]], Preparation]()
     while waiting or futures:
         while waiting and len(set(futures.values())) < width:

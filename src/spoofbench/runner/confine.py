@@ -1,6 +1,8 @@
-"""What a worker process does to itself: die with its parent, keep to its memory, and know what it took.
+"""What a worker process does to itself: die with its parent, keep to its memory, and know what it
+took.
 
-Linux has all of it; elsewhere the parent is watched by a thread, and memory is neither limited nor measured.
+Linux has all of it; elsewhere the parent is watched by a thread, and memory is neither limited nor
+measured.
 """
 
 import contextlib
@@ -44,7 +46,9 @@ def silence() -> None:
 
 
 def limit_memory(growth_bytes: int) -> None:
-    """Let the address space grow by no more than this from now on; beyond it an allocation is a MemoryError."""
+    """Let the address space grow by no more than this from now on; beyond it an allocation is a
+    MemoryError.
+    """
     if _LINUX:
         limit = _pages()[0] * resource.getpagesize() + growth_bytes
         with contextlib.suppress(ValueError):  # a lower limit is in force already
@@ -52,7 +56,9 @@ def limit_memory(growth_bytes: int) -> None:
 
 
 class MemoryMeter:
-    """Measures the peak of resident memory over where it stood at the start, in MB; None where the system cannot tell."""
+    """Measures the peak of resident memory over where it stood at the start, in MB; None where the
+    system cannot tell.
+    """
 
     def __init__(self) -> None:
         self._start = 0
@@ -65,7 +71,9 @@ class MemoryMeter:
         if not _LINUX:
             return None
         status = Path("/proc/self/status").read_text()
-        peak_kb = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM"))
+        peak_kb = next(
+            int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM")
+        )
         return max(0.0, round((peak_kb * 1024 - self._start) / 2**20, 3))
 
 

@@ -1,4 +1,6 @@
-"""A worker that loads a plugin and says what it is, so that its code never runs in the main process."""
+"""A worker that loads a plugin and says what it is, so that its code never runs in the main
+process.
+"""
 
 from dataclasses import fields
 from typing import Any
@@ -10,10 +12,17 @@ from spoofbench.runner.talk import Talk, one_line
 from spoofbench.suite import RATE_PARAMETER
 
 
-def work(talk: Talk, group: plugins.Group, name: str, parameters: dict[str, Any], rate_per_hour: float | None) -> None:
+def work(
+    talk: Talk,
+    group: plugins.Group,
+    name: str,
+    parameters: dict[str, Any],
+    rate_per_hour: float | None,
+) -> None:
     """Send all parameters of the plugin, and its contract.
 
-    The status is ``failed`` if it cannot be loaded, ``refused`` if it does not take the suite's parameters.
+    The status is ``failed`` if it cannot be loaded, ``refused`` if it does not take the suite's
+    parameters.
     """
     plugin = plugins.find(group, name)
     try:
@@ -29,12 +38,21 @@ def work(talk: Talk, group: plugins.Group, name: str, parameters: dict[str, Any]
         talk.send(status="refused", reason=str(error))
         return
     if group == plugins.DETECTORS and not isinstance(made, Detector):
-        talk.send(status="failed", reason=f"PluginError: {plugin} is no detector; it needs requires, uses, memory_s and detect()")
+        talk.send(
+            status="failed",
+            reason=f"PluginError: {plugin} is no detector; it needs requires, uses, memory_s and detect()",
+        )
         return
     try:
-        about: dict[str, Any] = {"parameters": {field.name: plain(getattr(made, field.name)) for field in fields(made) if field.init}}
+        about: dict[str, Any] = {
+            "parameters": {
+                field.name: plain(getattr(made, field.name)) for field in fields(made) if field.init
+            }
+        }
         if group == plugins.DETECTORS:
-            kinds = {name: [str(kind) for kind in getattr(made, name)] for name in ("requires", "uses")}
+            kinds = {
+                name: [str(kind) for kind in getattr(made, name)] for name in ("requires", "uses")
+            }
             about |= {**kinds, "memory_s": float(made.memory_s)}
         else:
             about |= {"models": sorted(map(str, made.models))}

@@ -1,4 +1,6 @@
-"""A worker that runs one detector on variants of one recording, knowing nothing but their blind material."""
+"""A worker that runs one detector on variants of one recording, knowing nothing but their blind
+material.
+"""
 
 import time
 from collections.abc import Callable
@@ -19,7 +21,13 @@ Judge = Callable[[Recording], Decisions]
 
 
 def work(
-    talk: Talk, name: str, parameters: dict[str, Any], material: str, variants: list[str], withheld: list[str], memory_mb: int
+    talk: Talk,
+    name: str,
+    parameters: dict[str, Any],
+    material: str,
+    variants: list[str],
+    withheld: list[str],
+    memory_mb: int,
 ) -> None:
     """Send a record and, where it went well, decisions for each variant in turn.
 
@@ -34,7 +42,9 @@ def work(
         return
     talk.send(status="ok")
     for variant in variants:
-        _judge(talk, partial(detect, detector, withheld=frozenset(withheld)), shelf, variant, memory_mb)
+        _judge(
+            talk, partial(detect, detector, withheld=frozenset(withheld)), shelf, variant, memory_mb
+        )
 
 
 def _judge(talk: Talk, judge: Judge, shelf: Shelf, variant: str, memory_mb: int) -> None:
@@ -42,12 +52,21 @@ def _judge(talk: Talk, judge: Judge, shelf: Shelf, variant: str, memory_mb: int)
     status, reason, decisions = _attempt(judge, shelf, variant, memory_mb)
     seconds, growth_mb = round(time.perf_counter() - start, 6), meter.growth_mb()
     rows = 0 if decisions is None else decisions.time_ns.size
-    talk.send(variant=variant, status=status, reason=reason, seconds=seconds, growth_mb=growth_mb, rows=rows)
+    talk.send(
+        variant=variant,
+        status=status,
+        reason=reason,
+        seconds=seconds,
+        growth_mb=growth_mb,
+        rows=rows,
+    )
     if decisions is not None:
         talk.send_decisions(decisions)
 
 
-def _attempt(judge: Judge, shelf: Shelf, variant: str, memory_mb: int) -> tuple[str, str | None, Decisions | None]:
+def _attempt(
+    judge: Judge, shelf: Shelf, variant: str, memory_mb: int
+) -> tuple[str, str | None, Decisions | None]:
     try:
         return "ok", None, judge(shelf.get(variant))
     except MemoryError:

@@ -1,6 +1,7 @@
 """Names of tasks and variants: the SHA-256 of everything that decides what comes out.
 
-Equal inputs have equal ids on any machine, and an input that changes changes the id, so a result that is there is right.
+Equal inputs have equal ids on any machine, and an input that changes changes the id, so a result
+that is there is right.
 """
 
 import hashlib
@@ -36,13 +37,17 @@ def identify(**inputs: Any) -> str:
 def core() -> str:
     """Digest of the core's code that decides results."""
     folder = Path(spoofbench.__file__).parent
-    return _digest((path.relative_to(folder).as_posix(), path) for path in _files(folder, _WITHOUT_INFLUENCE))
+    return _digest(
+        (path.relative_to(folder).as_posix(), path) for path in _files(folder, _WITHOUT_INFLUENCE)
+    )
 
 
 def code_of(plugin: Plugin) -> str:
-    """Digest of the code of a plugin: its top package (or module), and what code its distribution lists besides.
+    """Digest of the code of a plugin: its top package (or module), and what code its distribution
+    lists besides.
 
-    Of an installation that is edited in place, the distribution lists nothing, and the package is found where it is.
+    Of an installation that is edited in place, the distribution lists nothing, and the package is
+    found where it is.
     """
     name = plugin.entry_point.module.partition(".")[0]
     if name == spoofbench.__name__:
@@ -51,13 +56,21 @@ def code_of(plugin: Plugin) -> str:
     spec = importlib.util.find_spec(name)
     if spec is not None:
         for folder in spec.submodule_search_locations or ():
-            found |= {f"{name}/{path.relative_to(folder).as_posix()}": path for path in _files(Path(folder))}
+            found |= {
+                f"{name}/{path.relative_to(folder).as_posix()}": path
+                for path in _files(Path(folder))
+            }
         if not spec.submodule_search_locations and spec.origin:
             found[Path(spec.origin).name] = Path(spec.origin)
     listed = (plugin.entry_point.dist.files if plugin.entry_point.dist else None) or ()
     for entry in listed:
         path = Path(str(entry.locate()))
-        if entry.suffix in _CODE and not entry.name.startswith("__editable__") and ".." not in entry.parts and path.is_file():
+        if (
+            entry.suffix in _CODE
+            and not entry.name.startswith("__editable__")
+            and ".." not in entry.parts
+            and path.is_file()
+        ):
             found[entry.as_posix()] = path
     return _digest(iter(found.items()))
 
@@ -65,7 +78,12 @@ def code_of(plugin: Plugin) -> str:
 @cache
 def versions() -> dict[str, str]:
     """Versions of what computes every result."""
-    return {"schema": SCHEMA_VERSION, "spoofbench": core(), "numpy": version("numpy"), "scipy": version("scipy")}
+    return {
+        "schema": SCHEMA_VERSION,
+        "spoofbench": core(),
+        "numpy": version("numpy"),
+        "scipy": version("scipy"),
+    }
 
 
 def _files(folder: Path, without: frozenset[str] = frozenset()) -> Iterator[Path]:

@@ -1,4 +1,6 @@
-"""The results folder of a run as it grows: which tasks are done, what they came to and what they cost."""
+"""The results folder of a run as it grows: which tasks are done, what they came to and what they
+cost.
+"""
 
 import contextlib
 import re
@@ -24,13 +26,17 @@ from spoofbench.results import (
 )
 from spoofbench.runner.planning import PlannedTask
 
-_COST_SCHEMA = pa.schema([("task_id", pa.string()), ("seconds", pa.float64()), ("memory_mb", pa.float64())])
+_COST_SCHEMA = pa.schema(
+    [("task_id", pa.string()), ("seconds", pa.float64()), ("memory_mb", pa.float64())]
+)
 _OURS = re.compile(r"\.?[0-9a-f]{64}\.parquet(\.part)?")
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Wall-clock time of a task, and the peak of memory over its start where the system can tell."""
+    """Wall-clock time of a task, and the peak of memory over its start where the system can
+    tell.
+    """
 
     seconds: float | None
     memory_mb: float | None
@@ -43,24 +49,45 @@ def check_folder(folder: Path, name: str, *, resume: bool) -> None:
         ResultsError: there are results and ``resume`` is not set, or they are another suite's.
     """
     if not (folder / "run.json").exists():
-        if folder.is_dir() and any((folder / part).exists() for part in ("decisions", "truth", "tasks.parquet")):
-            raise ResultsError(f"{str(folder)!r} has results but no run.json that says whose; choose another folder")
+        if folder.is_dir() and any(
+            (folder / part).exists() for part in ("decisions", "truth", "tasks.parquet")
+        ):
+            raise ResultsError(
+                f"{str(folder)!r} has results but no run.json that says whose; choose another "
+                "folder"
+            )
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ResultsError(f"{str(folder)!r} cannot be made a results folder: {error.strerror}") from error
+            raise ResultsError(
+                f"{str(folder)!r} cannot be made a results folder: {error.strerror}"
+            ) from error
         return
     if not resume:
-        raise ResultsError(f"{str(folder)!r} has results already; resume them with --resume or choose another folder")
+        raise ResultsError(
+            f"{str(folder)!r} has results already; resume them with --resume or choose another "
+            "folder"
+        )
     other = read_run(folder).get("suite", {}).get("name")
     if other != name:
-        raise ResultsError(f"{str(folder)!r} has results of the suite {other!r}, not of {name!r}; choose another folder")
+        raise ResultsError(
+            f"{str(folder)!r} has results of the suite {other!r}, not of {name!r}; choose another "
+            "folder"
+        )
 
 
 class Ledger:
     """Writes outcomes as they come, from any thread."""
 
-    def __init__(self, folder: Path, name: str, total: int, *, retry_failed: bool, progress: Callable[[float], None] | None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        total: int,
+        *,
+        retry_failed: bool,
+        progress: Callable[[float], None] | None,
+    ) -> None:
         self.folder = folder
         self.found: dict[str, tuple[Status, str | None]] = {}
         self._costs: dict[str, Cost] = {}
@@ -88,7 +115,13 @@ class Ledger:
             outcome = read_outcome(self.folder, task.id)
         except ResultsError:
             return None  # damaged: run it again
-        return None if outcome is not None and outcome.status == "ok" and not has_truth(self.folder, task.variant.id) else outcome
+        return (
+            None
+            if outcome is not None
+            and outcome.status == "ok"
+            and not has_truth(self.folder, task.variant.id)
+            else outcome
+        )
 
     def done(self, task: PlannedTask, outcome: Outcome, cost: Cost = Cost(None, None)) -> None:
         """Write what became of a task."""
@@ -114,9 +147,14 @@ class Ledger:
             write_parquet(self.folder / "costs.parquet", pa.Table.from_pylist(rows, _COST_SCHEMA))
 
     def sweep(self, tasks: Iterable[PlannedTask]) -> None:
-        """Remove the files of tasks and variants that the suite or its inputs no longer ask for, and of writes that were cut short."""
+        """Remove the files of tasks and variants that the suite or its inputs no longer ask for,
+        and of writes that were cut short.
+        """
         tasks = list(tasks)
-        keep = {"decisions": {f"{task.id}.parquet" for task in tasks}, "truth": {f"{task.variant.id}.parquet" for task in tasks}}
+        keep = {
+            "decisions": {f"{task.id}.parquet" for task in tasks},
+            "truth": {f"{task.variant.id}.parquet" for task in tasks},
+        }
         for part, names in keep.items():
             for path in (self.folder / part).glob("*"):
                 if _OURS.fullmatch(path.name) and path.name not in names:

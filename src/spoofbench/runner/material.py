@@ -1,6 +1,8 @@
-"""Blind material: what detectors see of a recording's variants, in a private folder under numbers that say nothing.
+"""Blind material: what detectors see of a recording's variants, in a private folder under numbers
+that say nothing.
 
-A table that variants share is stored once, and loaded once, so that a detector may remember what it made of it.
+A table that variants share is stored once, and loaded once, so that a detector may remember what it
+made of it.
 """
 
 import json
@@ -13,12 +15,17 @@ from spoofbench.recording import Recording, Table
 
 
 class Store:
-    """Writes the blind part of variants into a folder; tables of the base are stored once for all."""
+    """Writes the blind part of variants into a folder; tables of the base are stored once for
+    all.
+    """
 
     def __init__(self, folder: Path, base: Recording) -> None:
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
-        self._shared = {topic: (f"base-{number}", table) for number, (topic, table) in enumerate(base.blind().items())}
+        self._shared = {
+            topic: (f"base-{number}", table)
+            for number, (topic, table) in enumerate(base.blind().items())
+        }
         for file, table in self._shared.values():
             self._dump(file, table)
 
@@ -30,7 +37,10 @@ class Store:
             files[topic] = file if table is base else f"{name}-{number}"
             if table is not base:
                 self._dump(files[topic], table)
-        about = {"metadata": {key: dict(record) for key, record in blind.metadata.items()}, "tables": files}
+        about = {
+            "metadata": {key: dict(record) for key, record in blind.metadata.items()},
+            "tables": files,
+        }
         (self.folder / f"{name}.json").write_text(json.dumps(about))
 
     def _dump(self, file: str, table: Table) -> None:
@@ -48,11 +58,16 @@ class Shelf:
     def get(self, name: str) -> Recording:
         """Return a variant, its tables loaded when first used."""
         about = self._about(name)
-        return Recording({topic: partial(self._load, file) for topic, file in about["tables"].items()}, about["metadata"])
+        return Recording(
+            {topic: partial(self._load, file) for topic, file in about["tables"].items()},
+            about["metadata"],
+        )
 
     def size(self, name: str) -> int:
         """Size in bytes of a variant's tables."""
-        return sum((self.folder / file).stat().st_size for file in self._about(name)["tables"].values())
+        return sum(
+            (self.folder / file).stat().st_size for file in self._about(name)["tables"].values()
+        )
 
     def _about(self, name: str) -> dict[str, Any]:
         about: dict[str, Any] = json.loads((self.folder / f"{name}.json").read_text())

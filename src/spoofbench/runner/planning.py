@@ -74,7 +74,9 @@ class Survey:
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A recording under an attack, or unattacked where ``attack`` is None; ``number`` is what detectors' workers know it by."""
+    """A recording under an attack, or unattacked where ``attack`` is None; ``number`` is what
+    detectors' workers know it by.
+    """
 
     id: str
     number: str
@@ -122,28 +124,60 @@ class PlannedTask:
         )
 
 
-def plan(suite: Suite, recording: RecordingEntry, survey: Survey, attacks: Sequence[Part], detectors: Sequence[Part]) -> list[PlannedTask]:
-    """Return the tasks of a recording: unattacked, then attacks x seeds; each before every detector."""
-    attempts: list[tuple[Part | None, int | None]] = [(None, None), *((attack, seed) for attack in attacks for seed in suite.seeds)]
+def plan(
+    suite: Suite,
+    recording: RecordingEntry,
+    survey: Survey,
+    attacks: Sequence[Part],
+    detectors: Sequence[Part],
+) -> list[PlannedTask]:
+    """Return the tasks of a recording: unattacked, then attacks x seeds; each before every
+    detector.
+    """
+    attempts: list[tuple[Part | None, int | None]] = [
+        (None, None),
+        *((attack, seed) for attack in attacks for seed in suite.seeds),
+    ]
     ids = [_variant_id(recording, survey, attack, seed) for attack, seed in attempts]
     numbers = {name: f"{number:05d}" for number, name in enumerate(sorted(ids))}
     tasks = []
     for name, (attack, seed) in zip(ids, attempts, strict=True):
-        variant = Variant(name, numbers[name], recording, attack, _window(survey, attack, seed), seed, _problem(survey, attack))
+        variant = Variant(
+            name,
+            numbers[name],
+            recording,
+            attack,
+            _window(survey, attack, seed),
+            seed,
+            _problem(survey, attack),
+        )
         for detector in detectors:
             withheld = _withheld(detector, survey, attacks)
-            tasks.append(PlannedTask(_task_id(suite, variant, detector, withheld), variant, detector, withheld))
+            tasks.append(
+                PlannedTask(
+                    _task_id(suite, variant, detector, withheld), variant, detector, withheld
+                )
+            )
     return tasks
 
 
 def _withheld(detector: Part, survey: Survey, attacks: Sequence[Part]) -> frozenset[str]:
     """The kinds that a detector could use and that not every variant of the recording keeps.
 
-    False alerts and detections are then those of the same detector, and a kind that is missing tells nothing.
+    False alerts and detections are then those of the same detector, and a kind that is missing
+    tells nothing.
     """
-    kept = [set(attack.models) for attack in attacks if not attack.problem and attack.entry.id not in survey.unfit]
+    kept = [
+        set(attack.models)
+        for attack in attacks
+        if not attack.problem and attack.entry.id not in survey.unfit
+    ]
     optional = (set(detector.uses) - set(detector.requires)) & survey.kinds
-    return frozenset(kind for kind in optional if KINDS[kind].is_gnss_derived and not all(kind in models for models in kept))
+    return frozenset(
+        kind
+        for kind in optional
+        if KINDS[kind].is_gnss_derived and not all(kind in models for models in kept)
+    )
 
 
 def lacking(detector: Part, survey: Survey, kinds: frozenset[str]) -> Problem | None:
@@ -154,11 +188,16 @@ def lacking(detector: Part, survey: Survey, kinds: frozenset[str]) -> Problem | 
             return "skipped", f"the recording has no {kind!r}, which the detector requires"
     for kind in missing:
         if KINDS[kind].is_gnss_derived:
-            return "not_modelled", f"the attack does not model {kind!r}, which the detector requires"
+            return (
+                "not_modelled",
+                f"the attack does not model {kind!r}, which the detector requires",
+            )
     return None
 
 
-def _variant_id(recording: RecordingEntry, survey: Survey, attack: Part | None, seed: int | None) -> str:
+def _variant_id(
+    recording: RecordingEntry, survey: Survey, attack: Part | None, seed: int | None
+) -> str:
     window = _window(survey, attack, seed)
     return identity.identify(
         versions=identity.versions(),

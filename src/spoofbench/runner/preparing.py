@@ -1,6 +1,8 @@
-"""A worker that reads one recording, finds windows for its attacks, makes its variants and leaves truth and blind material.
+"""A worker that reads one recording, finds windows for its attacks, makes its variants and leaves
+truth and blind material.
 
-It first sends a survey, then gets the list of the variants that are wanted, and sends one record for each.
+It first sends a survey, then gets the list of the variants that are wanted, and sends one record
+for each.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,10 +31,14 @@ def work(talk: Talk, order: dict[str, Any], results: str, material: str, memory_
     clean = _read(order["path"])
     donors = [_read(path) for path in order["donors"]]
     attacks: dict[str, Attack] = {
-        entry["id"]: plugins.make(plugins.ATTACKS, entry["plugin"], frozen(entry["parameters"])) for entry in order["attacks"]
+        entry["id"]: plugins.make(plugins.ATTACKS, entry["plugin"], frozen(entry["parameters"]))
+        for entry in order["attacks"]
     }
     common, unfit = _common_supply(talk, attacks, clean, donors, order)
-    windows = {str(seed): None if common is None else _window(order, seed, common) for seed in order["seeds"]}
+    windows = {
+        str(seed): None if common is None else _window(order, seed, common)
+        for seed in order["seeds"]
+    }
     talk.send(
         status="ok",
         digest=clean.digest(),
@@ -51,7 +57,10 @@ def work(talk: Talk, order: dict[str, Any], results: str, material: str, memory_
 def _read(path: str) -> Recording:
     recording = codec.read(Path(path))
     if TRUTH_TOPIC in recording:
-        raise RecordingError(f"{Path(path).name!r} is attacked already; a suite makes its attacks itself, from clean recordings")
+        raise RecordingError(
+            f"{Path(path).name!r} is attacked already; a suite makes its attacks itself, from "
+            "clean recordings"
+        )
     return recording
 
 
@@ -61,17 +70,26 @@ def _window(order: Mapping[str, Any], seed: int, common: Interval) -> tuple[int,
 
 
 def _common_supply(
-    talk: Talk, attacks: Attacks, clean: Recording, donors: Sequence[Recording], order: Mapping[str, Any]
+    talk: Talk,
+    attacks: Attacks,
+    clean: Recording,
+    donors: Sequence[Recording],
+    order: Mapping[str, Any],
 ) -> tuple[Interval | None, Unfit]:
     """Return where windows may lie that all attacks share, and the attacks that can have none.
 
-    An attack takes part if, with those before it in the suite, it leaves room for a window. Each is announced
-    before its code runs, so that the main process knows whom to blame.
+    An attack takes part if, with those before it in the suite, it leaves room for a window. Each is
+    announced before its code runs, so that the main process knows whom to blame.
     """
     span, duration_s = clean.span, order["duration_s"]
-    common = Interval(min(span.start_ns + round(order["warm_up_s"] * 1e9), span.end_ns), span.end_ns)
+    common = Interval(
+        min(span.start_ns + round(order["warm_up_s"] * 1e9), span.end_ns), span.end_ns
+    )
     if common.duration_s < duration_s:
-        reason = f"the recording has {common.duration_s:.1f} s after the warm-up, too few for an attack of {duration_s:g} s"
+        reason = (
+            f"the recording has {common.duration_s:.1f} s after the warm-up, too few for an attack "
+            f"of {duration_s:g} s"
+        )
         return None, dict.fromkeys(attacks, ("skipped", reason))
     unfit: Unfit = {}
     for name, attack in attacks.items():
@@ -89,7 +107,10 @@ def _common_supply(
             room_s = max(0.0, (end_ns - start_ns) / 1e9)
             unfit[name] = (
                 "skipped",
-                f"it can be supplied for {room_s:.1f} s of what the attacks before it leave, not for {duration_s:g} s",
+                (
+                    f"it can be supplied for {room_s:.1f} s of what the attacks before it leave, "
+                    f"not for {duration_s:g} s"
+                ),
             )
             continue
         common = Interval(start_ns, end_ns)
@@ -99,18 +120,38 @@ def _common_supply(
 class _Maker:
     """Makes the variants of one recording."""
 
-    def __init__(self, clean: Recording, donors: Sequence[Recording], attacks: Attacks, results: Path, store: Store) -> None:
-        self.clean, self.donors, self.attacks, self.results, self.store = clean, donors, attacks, results, store
+    def __init__(
+        self,
+        clean: Recording,
+        donors: Sequence[Recording],
+        attacks: Attacks,
+        results: Path,
+        store: Store,
+    ) -> None:
+        self.clean, self.donors, self.attacks, self.results, self.store = (
+            clean,
+            donors,
+            attacks,
+            results,
+            store,
+        )
 
     def make(self, wanted: Mapping[str, Any]) -> dict[str, Any]:
-        """Write one variant's truth and material; return its kinds, or the status and reason why there is none."""
+        """Write one variant's truth and material; return its kinds, or the status and reason why
+        there is none.
+        """
         try:
             variant = self._falsify(wanted)
             write_truth(self.results, wanted["id"], build_truth(self.clean, variant))
         except NotApplicable as error:
             return {"status": "skipped", "reason": str(error)}
         except MemoryError:
-            return {"status": "failed", "reason": "MemoryError: making the variant needs more memory than the suite's limit"}
+            return {
+                "status": "failed",
+                "reason": (
+                    "MemoryError: making the variant needs more memory than the suite's limit"
+                ),
+            }
         except Exception as error:  # noqa: BLE001, a plugin may raise anything
             return {"status": "failed", "reason": one_line(error)}
         self.store.put(wanted["number"], variant)
@@ -120,4 +161,11 @@ class _Maker:
         if wanted["attack"] is None:
             return self.clean
         name = wanted["attack"]
-        return falsify(wanted["plugin"], self.attacks[name], self.clean, Interval(*wanted["window"]), wanted["seed"], self.donors)
+        return falsify(
+            wanted["plugin"],
+            self.attacks[name],
+            self.clean,
+            Interval(*wanted["window"]),
+            wanted["seed"],
+            self.donors,
+        )

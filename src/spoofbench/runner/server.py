@@ -1,11 +1,11 @@
 """The server: a process that has imported everything heavy and forks workers on demand.
 
-It never learns what its workers are to do: each worker reads its job from a connection of its own, so what one
-worker knows (the truth) is not in the memory that another one (a detector's) inherits. Its folder is private to
-one run; it removes it at the end.
+It never learns what its workers are to do: each worker reads its job from a connection of its own,
+so what one worker knows (the truth) is not in the memory that another one (a detector's) inherits.
+Its folder is private to one run; it removes it at the end.
 
-A request is one byte with two file descriptors: the worker's connection and the write end of a pipe, which gets
-the worker's process id and, when it has ended, its wait status (both int32).
+A request is one byte with two file descriptors: the worker's connection and the write end of a
+pipe, which gets the worker's process id and, when it has ended, its wait status (both int32).
 """
 
 import contextlib
@@ -45,13 +45,18 @@ _WORK: Mapping[str, str] = {
 
 
 def main(control_fd: int, parent: int) -> None:
-    """Serve until the other end of the control socket closes, then end all workers and remove the folder."""
+    """Serve until the other end of the control socket closes, then end all workers and remove the
+    folder.
+    """
     folder = Path.cwd()
     children: dict[int, int] = {}
     woken, wake = os.pipe()
     os.set_blocking(wake, False)
     signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
-    for number in (signal.SIGTERM, signal.SIGCHLD):  # noted in the pipe: an exception could come in the middle of the tidying up
+    for number in (
+        signal.SIGTERM,
+        signal.SIGCHLD,
+    ):  # noted in the pipe: an exception could come in the middle of the tidying up
         signal.signal(number, lambda *_: None)
     try:
         confine.die_with(parent, signal.SIGTERM)
@@ -122,7 +127,9 @@ def _work(connection: int, server: int) -> NoReturn:
 
 def _own_group(pid: int) -> None:
     """Give a worker a process group of its own, so that what it starts can be ended with it."""
-    with contextlib.suppress(PermissionError, ProcessLookupError):  # it has done so itself, or has ended
+    with contextlib.suppress(
+        PermissionError, ProcessLookupError
+    ):  # it has done so itself, or has ended
         os.setpgid(pid, pid)
 
 
@@ -140,5 +147,7 @@ def _reap(children: dict[int, int]) -> None:
 
 
 def _kill_group(pid: int) -> None:
-    with contextlib.suppress(PermissionError, ProcessLookupError):  # macOS says EPERM for a group of ended processes
+    with contextlib.suppress(
+        PermissionError, ProcessLookupError
+    ):  # macOS says EPERM for a group of ended processes
         os.killpg(pid, signal.SIGKILL)

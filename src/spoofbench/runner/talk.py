@@ -1,4 +1,6 @@
-"""What processes of a run say to each other: JSON records and raw arrays; nothing that a plugin could make the other side execute."""
+"""What processes of a run say to each other: JSON records and raw arrays; nothing that a plugin
+could make the other side execute.
+"""
 
 import json
 import re
@@ -64,6 +66,10 @@ class Talk:
 
 def one_line(error: BaseException) -> str:
     """Return type and message of an error in one line, without the folders of this machine."""
-    text = re.sub(r"[\s\x00-\x1f\x7f]+", " ", f"{type(error).__name__}: {error}").strip().removesuffix(":")
+    text = (
+        re.sub(r"[\s\x00-\x1f\x7f]+", " ", f"{type(error).__name__}: {error}")
+        .strip()
+        .removesuffix(":")
+    )
     text = _FOLDERS.sub(lambda match: "" if Path("/", match[1]).is_dir() else match[0], text)
     return text if len(text) <= _REASON_LENGTH else f"{text[: _REASON_LENGTH - 1]}…"

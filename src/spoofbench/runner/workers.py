@@ -1,4 +1,6 @@
-"""The main process's side of its workers: start the server, fork a worker, hear what it says or how it ended."""
+"""The main process's side of its workers: start the server, fork a worker, hear what it says or how
+it ended.
+"""
 
 import contextlib
 import os
@@ -21,14 +23,16 @@ from spoofbench.runner.server import NUMBER
 from spoofbench.runner.talk import Talk
 
 _KEPT_ENVIRONMENT = (
-    "PATH", "HOME", "LANG", "LC_ALL", "LC_CTYPE", "TZ", "TMPDIR", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "VIRTUAL_ENV"
+    "PATH", "HOME", "LANG", "LC_ALL", "LC_CTYPE", "TZ", "TMPDIR", "LD_LIBRARY_PATH",
+    "DYLD_LIBRARY_PATH", "VIRTUAL_ENV"
 )  # fmt: skip
 _SETTINGS = {
     "OPENBLAS_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
     "NUMEXPR_NUM_THREADS": "1",
-    "ARROW_DEFAULT_MEMORY_POOL": "system",  # its own pool reserves a gigabyte of address space, and that is what is limited
+    # its own pool reserves a gigabyte of address space, and that is what is limited
+    "ARROW_DEFAULT_MEMORY_POOL": "system",
     "MALLOC_ARENA_MAX": "2",  # so does every thread's arena, in parts of 64 MB
     "PYTHONHASHSEED": "0",
 }
@@ -56,7 +60,14 @@ class Server:
         environment |= _SETTINGS | {"PYTHONPATH": os.pathsep.join(search)}
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "spoofbench.runner", str(theirs.fileno()), str(os.getpid())],
+                [
+                    sys.executable,
+                    "-P",
+                    "-m",
+                    "spoofbench.runner",
+                    str(theirs.fileno()),
+                    str(os.getpid()),
+                ],
                 pass_fds=[theirs.fileno()],
                 cwd=self.folder,
                 env=environment,
@@ -68,7 +79,12 @@ class Server:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
         self._control.close()
         try:
             self._process.wait(_GRACE_S)
@@ -97,7 +113,10 @@ class Server:
 
 
 def lost() -> ResultsError:
-    return ResultsError("the server of the worker processes has ended; run again with --resume to do what is missing")
+    return ResultsError(
+        "the server of the worker processes has ended; run again with --resume to do what is "
+        "missing"
+    )
 
 
 class Worker:
@@ -112,7 +131,12 @@ class Worker:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
         self.end()
 
     def say(self, **record: Any) -> None:
@@ -155,7 +179,9 @@ class Worker:
         """End the process and its group, and wait until they are gone."""
         if self._status.closed:
             return
-        if not self._ended and not (self._status.poll() and os.read(self._status.fileno(), NUMBER.size)):
+        if not self._ended and not (
+            self._status.poll() and os.read(self._status.fileno(), NUMBER.size)
+        ):
             for kill in (os.killpg, os.kill):  # it may not have its group yet
                 with contextlib.suppress(ProcessLookupError, PermissionError):
                     kill(self._pid, signal.SIGKILL)

@@ -1,7 +1,7 @@
 """The schema: which kinds of rows there are and which columns each has.
 
-The only list of fields is in ``schemas/spoofbench/schema/v1/*.proto``; everything here is derived from the
-protobuf descriptors of the generated modules in :mod:`spoofbench.schema.v1`.
+The only list of fields is in ``schemas/spoofbench/schema/v1/*.proto``; everything here is derived
+from the protobuf descriptors of the generated modules in :mod:`spoofbench.schema.v1`.
 """
 
 from collections.abc import Mapping
@@ -36,8 +36,8 @@ _TYPES: Mapping[int, tuple[Category, str]] = {
 class Field:
     """One column of a kind.
 
-    ``dtype`` is the numpy dtype name of the column's values; text and bytes are dictionary-coded, so
-    theirs is the int32 of the codes.
+    ``dtype`` is the numpy dtype name of the column's values; text and bytes are dictionary-coded,
+    so theirs is the int32 of the codes.
     """
 
     name: str
@@ -48,7 +48,9 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of row: its name, its protobuf message descriptor and its fields by name, in field-number order."""
+    """One kind of row: its name, its protobuf message descriptor and its fields by name, in
+    field-number order.
+    """
 
     name: str
     message: Any
@@ -62,7 +64,8 @@ class Kind:
 
 def _kind(name: str, message: Any) -> Kind:
     fields = {
-        field.name: Field(field.name, field.number, *_TYPES[field.type]) for field in sorted(message.fields, key=lambda field: field.number)
+        field.name: Field(field.name, field.number, *_TYPES[field.type])
+        for field in sorted(message.fields, key=lambda field: field.number)
     }
     return Kind(name, message, MappingProxyType(fields))
 
@@ -107,7 +110,10 @@ def split_topic(topic: str) -> tuple[str, str]:
         return "", topic[1:]
     source, _, kind = topic.removeprefix("/").partition("/")
     if not topic.startswith("/") or not source or kind not in SENSOR_KINDS:
-        raise RecordingError(f"{topic!r} is not a topic: it must be /<source>/<kind> with a kind of {sorted(SENSOR_KINDS)}")
+        raise RecordingError(
+            f"{topic!r} is not a topic: it must be /<source>/<kind> with a kind of "
+            f"{sorted(SENSOR_KINDS)}"
+        )
     return source, kind
 
 

@@ -1,4 +1,6 @@
-"""Estimates with their intervals: rates, proportions, survival, ROC. None where there is nothing to estimate."""
+"""Estimates with their intervals: rates, proportions, survival, ROC. None where there is nothing to
+estimate.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -65,16 +67,20 @@ class Survival:
         return float(self.time_s[reached[0]]) if reached.size else None
 
     def restricted_mean_s(self, horizon_s: float) -> float:
-        """Return the mean time to first detection restricted to a horizon: the integral of S from 0 to there.
+        """Return the mean time to first detection restricted to a horizon: the integral of S from 0
+        to there.
 
-        Beyond the last observation S stays as it is: what was not seen to be detected is not counted as detected.
+        Beyond the last observation S stays as it is: what was not seen to be detected is not
+        counted as detected.
         """
         steps_s = np.concatenate([[0.0], np.minimum(self.time_s, horizon_s), [horizon_s]])
         return float(np.diff(steps_s) @ np.append(1.0, self.undetected))
 
 
 def survival(observed_s: Sequence[float], detected: Sequence[bool]) -> Survival | None:
-    """Estimate S(t) from times to first detection, censored (at the attack's length) where not detected."""
+    """Estimate S(t) from times to first detection, censored (at the attack's length) where not
+    detected.
+    """
     if not len(observed_s):
         return None
     observed, flags = np.asarray(observed_s, float), np.asarray(detected, bool)
@@ -84,10 +90,12 @@ def survival(observed_s: Sequence[float], detected: Sequence[bool]) -> Survival 
 
 
 def roc(clean_score: Floats, spoofed_score: Floats) -> tuple[Floats, Floats] | None:
-    """Return ``(p_fa, p_d)``, each non-decreasing from 0, as the threshold falls through the scores.
+    """Return ``(p_fa, p_d)``, each non-decreasing from 0, as the threshold falls through the
+    scores.
 
-    A score is a statistic over its threshold, so scaling it is moving the threshold. NaN is unavailable: left
-    out on clean epochs, missed on spoofed ones, so that the curve ends at ``(1, available share)``.
+    A score is a statistic over its threshold, so scaling it is moving the threshold. NaN is
+    unavailable: left out on clean epochs, missed on spoofed ones, so that the curve ends at ``(1,
+    available share)``.
     """
     clean = np.sort(clean_score[~np.isnan(clean_score)])
     spoofed = np.sort(spoofed_score[~np.isnan(spoofed_score)])
@@ -102,7 +110,9 @@ def roc(clean_score: Floats, spoofed_score: Floats) -> tuple[Floats, Floats] | N
 
 
 def partial_auc(p_fa: Floats, p_d: Floats, limit: float) -> float:
-    """Return the area under the ROC curve up to ``P_FA = limit``, over the limit: 1 is perfect, limit / 2 is chance."""
+    """Return the area under the ROC curve up to ``P_FA = limit``, over the limit: 1 is perfect,
+    limit / 2 is chance.
+    """
     below = p_fa < limit
     last = int(np.flatnonzero(below)[-1])
     after = last + 1
@@ -112,10 +122,13 @@ def partial_auc(p_fa: Floats, p_d: Floats, limit: float) -> float:
     return float(np.trapezoid(y, x)) / limit
 
 
-def session_interval(values: Sequence[float], sessions: Sequence[str], seed: int = 0) -> tuple[float, float] | None:
+def session_interval(
+    values: Sequence[float], sessions: Sequence[str], seed: int = 0
+) -> tuple[float, float] | None:
     """Return the 95 % percentile-bootstrap interval of the mean, resampling whole sessions.
 
-    Values of one session are not independent. None below 5 sessions, where resampling them says nothing.
+    Values of one session are not independent. None below 5 sessions, where resampling them says
+    nothing.
     """
     names, owner = np.unique(np.asarray(sessions, str), return_inverse=True)
     if names.size < MIN_SESSIONS:

@@ -1,9 +1,9 @@
 """Scores of a results folder, from its raw decisions and truth alone.
 
-``scores.parquet`` has one row per task, ``events.parquet`` one per task and attack interval, both in the order of
-``tasks.parquet``. A task that failed scores as a detector that was never available: its attacks are missed and
-its clean hours are none. Tasks that were skipped or not modelled have nulls, and so have failed ones whose variant
-could not be made: there is no truth to score against.
+``scores.parquet`` has one row per task, ``events.parquet`` one per task and attack interval, both
+in the order of ``tasks.parquet``. A task that failed scores as a detector that was never available:
+its attacks are missed and its clean hours are none. Tasks that were skipped or not modelled have
+nulls, and so have failed ones whose variant could not be made: there is no truth to score against.
 """
 
 from itertools import groupby
@@ -16,10 +16,28 @@ from numpy.typing import NDArray
 
 from spoofbench.detecting import Decisions
 from spoofbench.errors import ResultsError
-from spoofbench.results import FAILURES, Task, Truth, has_truth, read_outcome, read_tasks, read_truth, write_parquet
+from spoofbench.results import (
+    FAILURES,
+    Task,
+    Truth,
+    has_truth,
+    read_outcome,
+    read_tasks,
+    read_truth,
+    write_parquet,
+)
 from spoofbench.scoring.estimates import partial_auc, roc
 from spoofbench.scoring.grid import release_guard, score_on_grid, within
-from spoofbench.scoring.measures import Event, detection_pct, error_at, false_alerts, find_events, largest_error, raised_since, share
+from spoofbench.scoring.measures import (
+    Event,
+    detection_pct,
+    error_at,
+    false_alerts,
+    find_events,
+    largest_error,
+    raised_since,
+    share,
+)
 
 P_FA_LIMIT = 0.01
 """Largest P_FA per epoch that the partial area under the ROC curve looks at."""
@@ -81,13 +99,16 @@ _Floats = NDArray[np.float64]
 def score_folder(folder: Path) -> None:
     """Write ``scores.parquet`` and ``events.parquet``: same folder, same bytes.
 
-    ``detected`` and ``ttfd_s`` of a task are those of its first attack interval; the events have them all.
+    ``detected`` and ``ttfd_s`` of a task are those of its first attack interval; the events have
+    them all.
 
     Raises:
         ResultsError: a file of the folder is missing or damaged.
     """
     tasks = read_tasks(folder)
-    rows: list[_Cells] = [_identity(task) | {"status": task.status, "reason": task.reason} for task in tasks]
+    rows: list[_Cells] = [
+        _identity(task) | {"status": task.status, "reason": task.reason} for task in tasks
+    ]
     events: list[list[_Cells]] = [[] for _ in tasks]
     clean_scores: dict[tuple[str, str], _Floats] = {}
 
@@ -104,10 +125,17 @@ def score_folder(folder: Path) -> None:
             if task.attack is None:
                 clean_scores[task.recording, task.detector] = score[_clean(truth, task)]
             events[index] = _events(task, truth, decisions, score > 1)
-            rows[index] |= _alerts(task, truth, decisions, score) | _detection(truth, score, events[index])
-            rows[index]["partial_auc"] = _partial_auc(clean_scores.get((task.recording, task.detector)), score[truth.spoofed])
+            rows[index] |= _alerts(task, truth, decisions, score) | _detection(
+                truth, score, events[index]
+            )
+            rows[index]["partial_auc"] = _partial_auc(
+                clean_scores.get((task.recording, task.detector)), score[truth.spoofed]
+            )
     write_parquet(folder / "scores.parquet", pa.Table.from_pylist(rows, SCORE_SCHEMA))
-    write_parquet(folder / "events.parquet", pa.Table.from_pylist([event for some in events for event in some], EVENT_SCHEMA))
+    write_parquet(
+        folder / "events.parquet",
+        pa.Table.from_pylist([event for some in events for event in some], EVENT_SCHEMA),
+    )
 
 
 def _can_be_scored(folder: Path, task: Task) -> bool:
@@ -115,7 +143,10 @@ def _can_be_scored(folder: Path, task: Task) -> bool:
 
 
 def _identity(task: Task) -> _Cells:
-    return {name: getattr(task, name) for name in ("recording", "attack", "seed", "detector", "task_id", "session")}
+    return {
+        name: getattr(task, name)
+        for name in ("recording", "attack", "seed", "detector", "task_id", "session")
+    }
 
 
 def _decisions(folder: Path, task: Task) -> Decisions:
@@ -123,23 +154,34 @@ def _decisions(folder: Path, task: Task) -> Decisions:
         return _NEVER_AVAILABLE
     outcome = read_outcome(folder, task.task_id)
     if outcome is None or outcome.decisions is None:
-        raise ResultsError(f"task {task.task_id!r} is ok but {folder} has no decisions of it; resume the run")
+        raise ResultsError(
+            f"task {task.task_id!r} is ok but {folder} has no decisions of it; resume the run"
+        )
     return outcome.decisions
 
 
 def _clean(truth: Truth, task: Task) -> NDArray[np.bool_]:
     """Epochs neither spoofed nor within the release guard."""
-    return ~(within(truth.time_ns, truth.intervals) | release_guard(truth.time_ns, truth.intervals, task.memory_s))
+    return ~(
+        within(truth.time_ns, truth.intervals)
+        | release_guard(truth.time_ns, truth.intervals, task.memory_s)
+    )
 
 
 def _alerts(task: Task, truth: Truth, decisions: Decisions, score: _Floats) -> _Cells:
     """Alerts over all epochs and, of an unattacked task, false alerts over the clean ones."""
     available, alert, every = ~np.isnan(score), score > 1, np.ones(score.size, bool)
-    cells: _Cells = {"epochs": score.size, "availability": share(available, every), "alert_fraction": share(alert, every)}
+    cells: _Cells = {
+        "epochs": score.size,
+        "availability": share(available, every),
+        "alert_fraction": share(alert, every),
+    }
     if task.attack is not None:
         return cells
     raised = raised_since(truth.time_ns, decisions.time_ns, decisions.alert)
-    false = false_alerts(truth.time_ns, alert, available & _clean(truth, task), truth.epoch_ns, raised)
+    false = false_alerts(
+        truth.time_ns, alert, available & _clean(truth, task), truth.epoch_ns, raised
+    )
     return cells | {
         "far_per_hour": false.per_hour,
         "far_per_hour_lo": false.per_hour_lo,
@@ -158,12 +200,19 @@ def _detection(truth: Truth, score: _Floats, events: list[_Cells]) -> _Cells:
     return {
         "detection_pct": over_all,
         "detection_pct_available": over_available,
-        "largest_undetected_position_error_m": largest_error(truth.position_error_m, truth.spoofed & ~alert),
-        **{name: first.get(name) for name in ("detected", "ttfd_s", "position_error_at_detection_m")},
+        "largest_undetected_position_error_m": largest_error(
+            truth.position_error_m, truth.spoofed & ~alert
+        ),
+        **{
+            name: first.get(name)
+            for name in ("detected", "ttfd_s", "position_error_at_detection_m")
+        },
     }
 
 
-def _events(task: Task, truth: Truth, decisions: Decisions, alert: NDArray[np.bool_]) -> list[_Cells]:
+def _events(
+    task: Task, truth: Truth, decisions: Decisions, alert: NDArray[np.bool_]
+) -> list[_Cells]:
     found = find_events(decisions.time_ns, decisions.alert, decisions.available, truth.intervals)
     return [_identity(task) | _event(truth, event, alert) for event in found]
 
@@ -177,8 +226,12 @@ def _event(truth: Truth, event: Event, alert: NDArray[np.bool_]) -> _Cells:
         "alert_before": event.alert_before,
         "detected": event.detected,
         "ttfd_s": event.ttfd_s,
-        "position_error_at_detection_m": None if at_ns is None else error_at(truth.time_ns, error_m, at_ns),
-        "largest_undetected_position_error_m": largest_error(error_m, event.interval.covers(truth.time_ns) & ~alert),
+        "position_error_at_detection_m": None
+        if at_ns is None
+        else error_at(truth.time_ns, error_m, at_ns),
+        "largest_undetected_position_error_m": largest_error(
+            error_m, event.interval.covers(truth.time_ns) & ~alert
+        ),
     }
 
 

@@ -25,8 +25,9 @@ Floats = NDArray[np.float64]
 def build_truth(clean: Recording, variant: Recording) -> Truth:
     """Return the scoring grid of a variant; an unattacked one is its own clean recording.
 
-    The grid has the epochs of the variant's primary PVT, the clean epochs that the variant lacks, and nominal
-    epochs in what gaps remain. Its nominal interval is the median interval of the clean epochs.
+    The grid has the epochs of the variant's primary PVT, the clean epochs that the variant lacks,
+    and nominal epochs in what gaps remain. Its nominal interval is the median interval of the clean
+    epochs.
 
     Raises:
         RecordingError: the clean recording has fewer than two epochs.
@@ -34,7 +35,9 @@ def build_truth(clean: Recording, variant: Recording) -> Truth:
     """
     base = _epochs(clean)
     if len(base) < 2:
-        raise RecordingError(f"a recording with {len(base)} 'gnss/pvt' epochs cannot be scored: two are needed")
+        raise RecordingError(
+            f"a recording with {len(base)} 'gnss/pvt' epochs cannot be scored: two are needed"
+        )
     epoch_ns = int(np.median(np.diff(base.time_ns)))
     falsified = _epochs(variant)
     lacking = ~_near(base.time_ns, falsified.time_ns, epoch_ns // 2)
@@ -52,7 +55,9 @@ def build_truth(clean: Recording, variant: Recording) -> Truth:
         clean_lat_deg=theirs["lat_deg"],
         clean_lon_deg=theirs["lon_deg"],
         position_error_m=_position_error_m(ours, theirs),
-        velocity_error_mps=_norm([ours[name] - theirs[name] for name in ("vel_n_mps", "vel_e_mps", "vel_d_mps")]),
+        velocity_error_mps=_norm(
+            [ours[name] - theirs[name] for name in ("vel_n_mps", "vel_e_mps", "vel_d_mps")]
+        ),
         epoch_ns=epoch_ns,
         intervals=intervals,
     )
@@ -67,16 +72,20 @@ def within(time_ns: Times, intervals: Sequence[Interval]) -> Flags:
 
 
 def release_guard(time_ns: Times, intervals: Sequence[Interval], memory_s: float) -> Flags:
-    """Which times lie within ``max(10 s, memory_s)`` after the end of an interval, bool ``(n,)``."""
+    """Which times lie within ``max(10 s, memory_s)`` after the end of an interval, bool
+    ``(n,)``.
+    """
     length_ns = round(max(GUARD_S, memory_s) * 1e9)
-    return within(time_ns, [Interval(interval.end_ns, interval.end_ns + length_ns) for interval in intervals])
+    return within(
+        time_ns, [Interval(interval.end_ns, interval.end_ns + length_ns) for interval in intervals]
+    )
 
 
 def score_on_grid(decisions: Decisions, truth: Truth, hold_s: float | None) -> Floats:
     """Return the score that holds at each epoch, float64 ``(n,)``, NaN where unavailable.
 
-    An epoch takes the latest decision after the previous epoch, or with ``hold_s`` the latest that is not older
-    than that. Where there is none, or it is unavailable, so is the epoch.
+    An epoch takes the latest decision after the previous epoch, or with ``hold_s`` the latest that
+    is not older than that. Where there is none, or it is unavailable, so is the epoch.
     """
     if decisions.time_ns.size == 0:
         return np.full(truth.time_ns.size, np.nan)
@@ -90,7 +99,9 @@ def score_on_grid(decisions: Decisions, truth: Truth, hold_s: float | None) -> F
 
 
 def _epochs(recording: Recording) -> Table:
-    """The primary PVT, one row per time; empty where an attack that does not model it has removed it."""
+    """The primary PVT, one row per time; empty where an attack that does not model it has removed
+    it.
+    """
     if not recording.topics("gnss/pvt"):
         return Table("gnss/pvt", np.empty(0, np.int64), {})
     return recording.primary("gnss/pvt").last_per_time()
@@ -100,7 +111,12 @@ def _intervals(variant: Recording) -> tuple[Interval, ...]:
     if TRUTH_TOPIC not in variant:
         return ()
     truth = variant[TRUTH_TOPIC]
-    return tuple(sorted(Interval(start, end) for start, end in zip(truth["start_ns"].tolist(), truth["end_ns"].tolist(), strict=True)))
+    return tuple(
+        sorted(
+            Interval(start, end)
+            for start, end in zip(truth["start_ns"].tolist(), truth["end_ns"].tolist(), strict=True)
+        )
+    )
 
 
 def _near(time_ns: Times, others: Times, distance_ns: int) -> Flags:
@@ -109,7 +125,9 @@ def _near(time_ns: Times, others: Times, distance_ns: int) -> Flags:
         return np.zeros(time_ns.size, bool)
     after = np.searchsorted(others, time_ns).clip(0, others.size - 1)
     before = (after - 1).clip(0)
-    near: Flags = np.minimum(abs(others[after] - time_ns), abs(others[before] - time_ns)) <= distance_ns
+    near: Flags = (
+        np.minimum(abs(others[after] - time_ns), abs(others[before] - time_ns)) <= distance_ns
+    )
     return near
 
 
@@ -118,7 +136,8 @@ def _with_nominal(time_ns: Times, epoch_ns: int) -> Times:
     missing = np.maximum((np.diff(time_ns) + epoch_ns // 2) // epoch_ns - 1, 0)
     if time_ns.size + int(missing.sum()) > MAX_EPOCHS:
         raise LimitError(
-            f"the gaps between the 'gnss/pvt' epochs need {int(missing.sum())} nominal epochs, more than {MAX_EPOCHS}; split the recording"
+            f"the gaps between the 'gnss/pvt' epochs need {int(missing.sum())} nominal epochs, "
+            f"more than {MAX_EPOCHS}; split the recording"
         )
     counts = np.append(missing + 1, 1)
     first = np.repeat(np.cumsum(counts) - counts, counts)
@@ -130,7 +149,15 @@ def _at(table: Table, time_ns: Times) -> dict[str, Floats]:
     """The PVT fields that the truth compares, at equal times; NaN elsewhere."""
     row = np.searchsorted(table.time_ns, time_ns).clip(0, max(len(table) - 1, 0))
     equal = table.time_ns[row] == time_ns if len(table) else np.zeros(time_ns.size, bool)
-    names = ("lat_deg", "lon_deg", "height_m", "height_msl_m", "vel_n_mps", "vel_e_mps", "vel_d_mps")
+    names = (
+        "lat_deg",
+        "lon_deg",
+        "height_m",
+        "height_msl_m",
+        "vel_n_mps",
+        "vel_e_mps",
+        "vel_d_mps",
+    )
     columns = {name: np.full(time_ns.size, np.nan) for name in names}
     for name in names:
         columns[name][equal] = table[name][row[equal]]
@@ -138,7 +165,9 @@ def _at(table: Table, time_ns: Times) -> dict[str, Floats]:
 
 
 def _position_error_m(ours: dict[str, Floats], theirs: dict[str, Floats]) -> Floats:
-    """3-D distance; where either lacks the ellipsoidal height, both give that above mean sea level."""
+    """3-D distance; where either lacks the ellipsoidal height, both give that above mean sea
+    level.
+    """
     from pymap3d import geodetic2ecef
 
     no_height = np.isnan(ours["height_m"]) | np.isnan(theirs["height_m"])
@@ -150,4 +179,6 @@ def _position_error_m(ours: dict[str, Floats], theirs: dict[str, Floats]) -> Flo
 
 
 def _norm(components: list[Floats]) -> Floats:
-    return np.sqrt(sum((component * component for component in components), start=np.zeros(components[0].size)))
+    return np.sqrt(
+        sum((component * component for component in components), start=np.zeros(components[0].size))
+    )

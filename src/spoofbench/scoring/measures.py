@@ -1,7 +1,8 @@
-"""What a detector did: false alerts, detections, events. Pure functions on arrays; None where there is nothing to measure.
+"""What a detector did: false alerts, detections, events. Pure functions on arrays; None where there
+is nothing to measure.
 
-Arrays have shape ``(n,)``, one value per epoch of the scoring grid unless said otherwise. An alert where the
-detector is unavailable is none.
+Arrays have shape ``(n,)``, one value per epoch of the scoring grid unless said otherwise. An alert
+where the detector is unavailable is none.
 """
 
 from collections.abc import Sequence
@@ -28,12 +29,10 @@ AGAIN_NS = 60_000_000_000
 class FalseAlerts:
     """False alerts on clean epochs.
 
-    Attributes:
-        episodes: see :func:`count_episodes`.
-        hours: time of the available clean epochs.
+    Attributes: episodes: see :func:`count_episodes`. hours: time of the available clean epochs.
         per_hour, per_hour_lo, per_hour_hi: episodes per hour and its exact (Garwood) 95 % interval.
-        floor_per_hour: 3 / hours, the 95 % upper bound that no episode at all would give ("rule of three").
-        epoch: alerted share of the available clean epochs.
+        floor_per_hour: 3 / hours, the 95 % upper bound that no episode at all would give ("rule of
+        three"). epoch: alerted share of the available clean epochs.
     """
 
     episodes: int
@@ -65,7 +64,11 @@ class Event:
     @property
     def ttfd_s(self) -> float | None:
         """Time to first detection: first alert minus start."""
-        return None if self.detection_ns is None else (self.detection_ns - self.interval.start_ns) / 1e9
+        return (
+            None
+            if self.detection_ns is None
+            else (self.detection_ns - self.interval.start_ns) / 1e9
+        )
 
     @property
     def observed_s(self) -> float:
@@ -82,9 +85,10 @@ def share(part: Flags, whole: Flags) -> float | None:
 def count_episodes(time_ns: Times, alert: Flags, counted: Flags, epoch_ns: int) -> int:
     """Count alarm episodes on the counted epochs.
 
-    Alerts less than 10 s apart are one episode, and an episode counts again for every 60 s from its first to its
-    last alert. Both run on a clock that stands still at epochs that do not count, such as unavailable ones:
-    they neither split nor prolong an episode, as they do not add to the hours that it is divided by.
+    Alerts less than 10 s apart are one episode, and an episode counts again for every 60 s from its
+    first to its last alert. Both run on a clock that stands still at epochs that do not count, such
+    as unavailable ones: they neither split nor prolong an episode, as they do not add to the hours
+    that it is divided by.
     """
     clock_ns = np.cumsum(np.where(counted, _steps_ns(time_ns, epoch_ns), 0))
     on_ns = clock_ns[alert & counted]
@@ -95,15 +99,20 @@ def count_episodes(time_ns: Times, alert: Flags, counted: Flags, epoch_ns: int) 
     return int((1 + (on_ns[ends] - on_ns[begins]) // AGAIN_NS).sum())
 
 
-def false_alerts(time_ns: Times, alert: Flags, counted: Flags, epoch_ns: int, raised: Flags | None = None) -> FalseAlerts:
+def false_alerts(
+    time_ns: Times, alert: Flags, counted: Flags, epoch_ns: int, raised: Flags | None = None
+) -> FalseAlerts:
     """Return the false alerts on the available clean epochs, which ``counted`` marks.
 
-    Each epoch stands for the time since the one before it, the first for ``epoch_ns``. ``raised`` marks epochs since
-    whose predecessor any decision was an alert: what may count as a detection counts as a false alert.
+    Each epoch stands for the time since the one before it, the first for ``epoch_ns``. ``raised``
+    marks epochs since whose predecessor any decision was an alert: what may count as a detection
+    counts as a false alert.
     """
     hours = int(_steps_ns(time_ns, epoch_ns)[counted].sum()) / 3.6e12
     alarm = alert if raised is None else alert | raised
-    return false_alert_rate(count_episodes(time_ns, alarm, counted, epoch_ns), hours, share(alert, counted))
+    return false_alert_rate(
+        count_episodes(time_ns, alarm, counted, epoch_ns), hours, share(alert, counted)
+    )
 
 
 def _steps_ns(time_ns: Times, epoch_ns: int) -> Times:
@@ -131,19 +140,25 @@ def false_alert_rate(episodes: int, hours: float, epoch: float | None) -> FalseA
     return FalseAlerts(episodes, hours, rate.value, rate.lo, rate.hi, 3 / hours, epoch)
 
 
-def detection_pct(alert: Flags, available: Flags, spoofed: Flags) -> tuple[float | None, float | None]:
-    """Return the alerted percentage of all spoofed epochs, and of those at which the detector was available.
+def detection_pct(
+    alert: Flags, available: Flags, spoofed: Flags
+) -> tuple[float | None, float | None]:
+    """Return the alerted percentage of all spoofed epochs, and of those at which the detector was
+    available.
 
     In the first, unavailable epochs count as missed (Lo et al. 2017, Table 2).
     """
     return _pct(alert & available, spoofed), _pct(alert, spoofed & available)
 
 
-def find_events(time_ns: Times, alert: Flags, available: Flags, intervals: Sequence[Interval]) -> list[Event]:
+def find_events(
+    time_ns: Times, alert: Flags, available: Flags, intervals: Sequence[Interval]
+) -> list[Event]:
     """Find the first detection of each attack interval.
 
-    The arrays are the detector's decisions at their own times. A detection is a rising edge: where an alert is
-    already on when the attack begins, a new one after a decision without alert. Unavailable decisions clear nothing.
+    The arrays are the detector's decisions at their own times. A detection is a rising edge: where
+    an alert is already on when the attack begins, a new one after a decision without alert.
+    Unavailable decisions clear nothing.
     """
     time_ns, alert = time_ns[available], alert[available]
     rising = alert & ~np.append(False, alert[:-1])
@@ -159,11 +174,15 @@ def find_events(time_ns: Times, alert: Flags, available: Flags, intervals: Seque
 def error_at(time_ns: Times, position_error_m: Floats, at_ns: int) -> float | None:
     """Return the position error at the latest epoch at or before a time."""
     row = int(np.searchsorted(time_ns, at_ns, "right")) - 1
-    return None if row < 0 or not np.isfinite(position_error_m[row]) else float(position_error_m[row])
+    return (
+        None if row < 0 or not np.isfinite(position_error_m[row]) else float(position_error_m[row])
+    )
 
 
 def largest_error(position_error_m: Floats, epochs: Flags) -> float | None:
-    """Return the largest known position error over these epochs, such as spoofed ones without alert."""
+    """Return the largest known position error over these epochs, such as spoofed ones without
+    alert.
+    """
     known = position_error_m[epochs & np.isfinite(position_error_m)]
     return float(known.max()) if known.size else None
 

@@ -1,4 +1,6 @@
-"""The leaderboard of a results folder: one row per detector configuration, one cell per detector and attack."""
+"""The leaderboard of a results folder: one row per detector configuration, one cell per detector
+and attack.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,23 +24,24 @@ _Cells = Mapping[str, Any]
 class Row:
     """One detector configuration over all tasks of a folder; null is None throughout.
 
-    Attributes:
-        rank: 1 is best, equal where nothing tells two rows apart; None where no attacked task could be scored.
-        detector: name in the suite.
-        plugin, plugin_distribution, plugin_version, parameters: what it is; parameters as JSON text.
-        baseline: a row of chance, for comparison.
-        keeps_target: whether the lower end of the false-alert interval is at most the target; None where the rate is unknown.
-        detection_pct: mean over attacked tasks, failures as 0; ``lo`` and ``hi`` by bootstrap over sessions, None below 5.
-        restricted_mean_ttfd_s: mean time to first detection, restricted to the folder's longest attack.
-        ttfd_median_s, ttfd_p90_s: Kaplan-Meier over attack intervals; None where fewer than that share are ever detected.
-        p_md: missed share of attack intervals, ``detected`` of ``events``; ``lo`` and ``hi`` by bootstrap over sessions, None below 5.
-        far_per_hour: episodes per available clean hour over unattacked tasks pooled by time, with Garwood interval.
-        far_floor_per_hour: the lowest rate that so many hours can resolve, 3/T.
+    Attributes: rank: 1 is best, equal where nothing tells two rows apart; None where no attacked
+        task could be scored. detector: name in the suite. plugin, plugin_distribution,
+        plugin_version, parameters: what it is; parameters as JSON text. baseline: a row of chance,
+        for comparison. keeps_target: whether the lower end of the false-alert interval is at most
+        the target; None where the rate is unknown. detection_pct: mean over attacked tasks,
+        failures as 0; ``lo`` and ``hi`` by bootstrap over sessions, None below 5.
+        restricted_mean_ttfd_s: mean time to first detection, restricted to the folder's longest
+        attack. ttfd_median_s, ttfd_p90_s: Kaplan-Meier over attack intervals; None where fewer than
+        that share are ever detected. p_md: missed share of attack intervals, ``detected`` of
+        ``events``; ``lo`` and ``hi`` by bootstrap over sessions, None below 5. far_per_hour:
+        episodes per available clean hour over unattacked tasks pooled by time, with Garwood
+        interval. far_floor_per_hour: the lowest rate that so many hours can resolve, 3/T.
         far_epoch, availability: over the same tasks, pooled by epochs.
         position_error_at_detection_m: median over detected attack intervals.
-        largest_undetected_position_error_m: over all spoofed epochs without alert.
-        partial_auc: mean over attacked tasks of the area under the ROC curve at low P_FA, as a share of the largest possible.
-        ok, failed, skipped, not_modelled: numbers of tasks; ``failed`` holds timeouts and memory as well.
+        largest_undetected_position_error_m: over all spoofed epochs without alert. partial_auc:
+        mean over attacked tasks of the area under the ROC curve at low P_FA, as a share of the
+        largest possible. ok, failed, skipped, not_modelled: numbers of tasks; ``failed`` holds
+        timeouts and memory as well.
     """
 
     rank: int | None
@@ -77,7 +80,9 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One detector configuration against one attack; fields as in :class:`Row`, but P_MD with Clopper-Pearson interval."""
+    """One detector configuration against one attack; fields as in :class:`Row`, but P_MD with
+    Clopper-Pearson interval.
+    """
 
     detector: str
     attack: str
@@ -119,8 +124,9 @@ class Leaderboard:
 def leaderboard(folder: Path) -> Leaderboard:
     """Return the leaderboard of a scored results folder.
 
-    Rows that keep the target false-alert rate come before those that do not, and those before rows whose rate is
-    unknown; within each by detection percentage, then by restricted mean time to first detection.
+    Rows that keep the target false-alert rate come before those that do not, and those before rows
+    whose rate is unknown; within each by detection percentage, then by restricted mean time to
+    first detection.
 
     Raises:
         ResultsError: a file of the folder is missing or damaged, or the folder has no tasks.
@@ -135,10 +141,17 @@ def leaderboard(folder: Path) -> Leaderboard:
     horizon_s = max((event["length_s"] for event in events), default=0.0)
     detectors = list(dict.fromkeys(task.detector for task in tasks))
     attacks = tuple(dict.fromkeys(task.attack for task in tasks if task.attack is not None))
-    rows = _ranked([_row(next(task for task in tasks if task.detector == name), scores, events, horizon_s) for name in detectors])
+    rows = _ranked(
+        [
+            _row(next(task for task in tasks if task.detector == name), scores, events, horizon_s)
+            for name in detectors
+        ]
+    )
     return Leaderboard(
         rows=rows,
-        cells=tuple(_cell(row.detector, attack, scores, events) for row in rows for attack in attacks),
+        cells=tuple(
+            _cell(row.detector, attack, scores, events) for row in rows for attack in attacks
+        ),
         attacks=attacks,
         recordings=len({task.recording for task in tasks}),
         sessions=len({task.session for task in tasks}),
@@ -149,14 +162,25 @@ def leaderboard(folder: Path) -> Leaderboard:
     )
 
 
-def _row(task: Task, all_scores: Sequence[_Cells], all_events: Sequence[_Cells], horizon_s: float) -> Row:
+def _row(
+    task: Task, all_scores: Sequence[_Cells], all_events: Sequence[_Cells], horizon_s: float
+) -> Row:
     """The row of a task's detector, not ranked yet."""
-    scores, events = _of(all_scores, detector=task.detector), _of(all_events, detector=task.detector)
+    scores, events = (
+        _of(all_scores, detector=task.detector),
+        _of(all_events, detector=task.detector),
+    )
     clean = [row for row in _of(scores, attack=None) if row["epochs"] is not None]
     detected = [row for row in scores if row["detection_pct"] is not None]
-    interval = session_interval([row["detection_pct"] for row in detected], [row["session"] for row in detected])
+    interval = session_interval(
+        [row["detection_pct"] for row in detected], [row["session"] for row in detected]
+    )
     hours = sum(row["available_clean_h"] for row in clean)
-    false = false_alert_rate(sum(row["episodes"] for row in clean), hours, _mean(clean, "far_epoch", weight="available_clean_h"))
+    false = false_alert_rate(
+        sum(row["episodes"] for row in clean),
+        hours,
+        _mean(clean, "far_epoch", weight="available_clean_h"),
+    )
     curve = _survival(events)
     return Row(
         rank=None,
@@ -166,7 +190,9 @@ def _row(task: Task, all_scores: Sequence[_Cells], all_events: Sequence[_Cells],
         plugin_version=task.plugin_version,
         parameters=task.parameters,
         baseline=task.plugin_distribution == BASELINES,
-        keeps_target=None if false.per_hour_lo is None else false.per_hour_lo <= task.target_far_per_hour,
+        keeps_target=None
+        if false.per_hour_lo is None
+        else false.per_hour_lo <= task.target_far_per_hour,
         detection_pct=_mean(detected, "detection_pct"),
         detection_pct_lo=None if interval is None else interval[0],
         detection_pct_hi=None if interval is None else interval[1],
@@ -181,14 +207,20 @@ def _row(task: Task, all_scores: Sequence[_Cells], all_events: Sequence[_Cells],
         far_epoch=false.epoch,
         availability=_mean(clean, "availability", weight="epochs"),
         position_error_at_detection_m=_over(median, events, "position_error_at_detection_m"),
-        largest_undetected_position_error_m=_over(max, events, "largest_undetected_position_error_m"),
+        largest_undetected_position_error_m=_over(
+            max, events, "largest_undetected_position_error_m"
+        ),
         partial_auc=_mean(scores, "partial_auc"),
         **_counts(scores),
     )
 
 
-def _cell(detector: str, attack: str, all_scores: Sequence[_Cells], all_events: Sequence[_Cells]) -> Cell:
-    scores, events = (_of(rows, detector=detector, attack=attack) for rows in (all_scores, all_events))
+def _cell(
+    detector: str, attack: str, all_scores: Sequence[_Cells], all_events: Sequence[_Cells]
+) -> Cell:
+    scores, events = (
+        _of(rows, detector=detector, attack=attack) for rows in (all_scores, all_events)
+    )
     curve = _survival(events)
     return Cell(
         detector=detector,
@@ -201,7 +233,9 @@ def _cell(detector: str, attack: str, all_scores: Sequence[_Cells], all_events: 
 
 
 def _ranked(rows: Sequence[Row]) -> tuple[Row, ...]:
-    """Put the best first and number them, equals equally; rows without a detection percentage come last, without number."""
+    """Put the best first and number them, equals equally; rows without a detection percentage come
+    last, without number.
+    """
 
     def key(row: Row) -> tuple[int, float, float]:
         mean_s = float("inf") if row.restricted_mean_ttfd_s is None else row.restricted_mean_ttfd_s
@@ -209,7 +243,10 @@ def _ranked(rows: Sequence[Row]) -> tuple[Row, ...]:
 
     able = sorted((row for row in rows if row.detection_pct is not None), key=key)
     keys = [key(row) for row in able]
-    return (*(replace(row, rank=keys.index(key(row)) + 1) for row in able), *(row for row in rows if row.detection_pct is None))
+    return (
+        *(replace(row, rank=keys.index(key(row)) + 1) for row in able),
+        *(row for row in rows if row.detection_pct is None),
+    )
 
 
 def _of(rows: Sequence[_Cells], **wanted: str | None) -> list[_Cells]:
@@ -218,12 +255,16 @@ def _of(rows: Sequence[_Cells], **wanted: str | None) -> list[_Cells]:
 
 def _mean(rows: Sequence[_Cells], name: str, weight: str | None = None) -> float | None:
     """Mean of the known values, None where there are none or they weigh nothing."""
-    known = [(row[name], 1.0 if weight is None else row[weight]) for row in rows if row[name] is not None]
+    known = [
+        (row[name], 1.0 if weight is None else row[weight]) for row in rows if row[name] is not None
+    ]
     total = sum(w for _, w in known)
     return sum(value * w for value, w in known) / total if total else None
 
 
-def _over(function: Callable[[list[float]], float], rows: Sequence[_Cells], name: str) -> float | None:
+def _over(
+    function: Callable[[list[float]], float], rows: Sequence[_Cells], name: str
+) -> float | None:
     known = [row[name] for row in rows if row[name] is not None]
     return function(known) if known else None
 
@@ -238,12 +279,22 @@ def _missed(events: Sequence[_Cells]) -> dict[str, Any]:
     detected = sum(event["detected"] for event in events)
     p_md = proportion(len(events) - detected, len(events))
     value, lo, hi = (None, None, None) if p_md is None else (p_md.value, p_md.lo, p_md.hi)
-    return {"p_md": value, "p_md_lo": lo, "p_md_hi": hi, "detected": detected, "events": len(events)}
+    return {
+        "p_md": value,
+        "p_md_lo": lo,
+        "p_md_hi": hi,
+        "detected": detected,
+        "events": len(events),
+    }
 
 
 def _missed_over_attacks(events: Sequence[_Cells]) -> dict[str, Any]:
-    """The same over several attacks, whose windows on one recording are not independent: its interval goes by sessions."""
-    interval = session_interval([float(not event["detected"]) for event in events], [event["session"] for event in events])
+    """The same over several attacks, whose windows on one recording are not independent: its
+    interval goes by sessions.
+    """
+    interval = session_interval(
+        [float(not event["detected"]) for event in events], [event["session"] for event in events]
+    )
     lo, hi = (None, None) if interval is None else interval
     return _missed(events) | {"p_md_lo": lo, "p_md_hi": hi}
 

@@ -12,7 +12,11 @@ from spoofbench.testing.recordings import drive
 @cache
 def examples() -> Mapping[str, tuple[Recording, tuple[Recording, ...]]]:
     """The recordings that are attacked, each with its donors."""
-    long, quick, other = drive(1, 420.0), drive(2, 60.0, 10.0, second_sources=True), drive(3, 90.0, 10.0)
+    long, quick, other = (
+        drive(1, 420.0),
+        drive(2, 60.0, 10.0, second_sources=True),
+        drive(3, 90.0, 10.0),
+    )
     return {
         "a drive at 1 Hz": (long, ()),
         "a drive at 1 Hz with a donor": (long, (drive(4, 240.0),)),
@@ -25,7 +29,9 @@ def examples() -> Mapping[str, tuple[Recording, tuple[Recording, ...]]]:
 
 
 def _each_pvt(recording: Recording, change: Callable[[Table], Table]) -> Recording:
-    return recording.replace({topic: change(recording[topic]) for topic in recording.topics("gnss/pvt")})
+    return recording.replace(
+        {topic: change(recording[topic]) for topic in recording.topics("gnss/pvt")}
+    )
 
 
 def _without(recording: Recording, *names: str) -> Recording:
@@ -33,7 +39,9 @@ def _without(recording: Recording, *names: str) -> Recording:
 
 
 def _as_nmea(recording: Recording) -> Recording:
-    """Speed in knots and, above one, course instead of velocity, and both heights, with the decimals of NMEA sentences."""
+    """Speed in knots and, above one, course instead of velocity, and both heights, with the
+    decimals of NMEA sentences.
+    """
 
     def change(table: Table) -> Table:
         north, east = table["vel_n_mps"], table["vel_e_mps"]
@@ -71,20 +79,40 @@ def poor(recording: Recording) -> Iterator[tuple[str, Recording, Sequence[Record
         return Table(table.kind.name, table.time_ns, {})
 
     def bare(table: Table) -> Table:
-        return table.replace(**{name: np.full(len(table), np.nan) for name in table if table[name].dtype.kind == "f"})
+        return table.replace(
+            **{name: np.full(len(table), np.nan) for name in table if table[name].dtype.kind == "f"}
+        )
 
     def still(table: Table) -> Table:
-        return table.replace(**{name: np.zeros(len(table)) for name in table if table[name].dtype.kind == "f"})
+        return table.replace(
+            **{name: np.zeros(len(table)) for name in table if table[name].dtype.kind == "f"}
+        )
 
     window = inner(recording.span)
-    yield "a recording without PVT", recording.replace(dict.fromkeys(recording.topics("gnss/pvt"))), ()
+    yield (
+        "a recording without PVT",
+        recording.replace(dict.fromkeys(recording.topics("gnss/pvt"))),
+        (),
+    )
     yield "a recording with an empty PVT table", each(lambda table: table.take(slice(0, 0))), ()
     yield "a recording of one PVT row", each(lambda table: table.take(slice(0, 1))), ()
     yield "a recording whose PVT rows are empty", each(nothing), ()
     yield "a recording without a fix", each(bare), ()
     yield "a recording of zeros", each(still), ()
-    yield "a recording with a gap for a window", each(lambda table: table.take(~window.covers(table.time_ns))), ()
-    yield "a recording with every epoch twice", each(lambda table: table.take(np.repeat(np.arange(len(table)), 2))), ()
-    yield "a donor without PVT", recording, (recording.replace(dict.fromkeys(recording.topics("gnss/pvt"))),)
+    yield (
+        "a recording with a gap for a window",
+        each(lambda table: table.take(~window.covers(table.time_ns))),
+        (),
+    )
+    yield (
+        "a recording with every epoch twice",
+        each(lambda table: table.take(np.repeat(np.arange(len(table)), 2))),
+        (),
+    )
+    yield (
+        "a donor without PVT",
+        recording,
+        (recording.replace(dict.fromkeys(recording.topics("gnss/pvt"))),),
+    )
     yield "a donor of one row", recording, (each(lambda table: table.take(slice(0, 1))),)
     yield "a donor whose rows are empty", recording, (each(nothing),)

@@ -25,7 +25,14 @@ from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording, Table
 from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
 from spoofbench.testing.attack_material import examples, inner, poor
-from spoofbench.testing.checking import Check, CheckFailed, CheckResult, global_seed, parametrised, require
+from spoofbench.testing.checking import (
+    Check,
+    CheckFailed,
+    CheckResult,
+    global_seed,
+    parametrised,
+    require,
+)
 
 if TYPE_CHECKING:
     import pytest
@@ -76,7 +83,9 @@ class Subject:
         for name, (clean, donors) in examples().items():
             for seed in _SEEDS:
                 try:
-                    window = draw_window(0, name, seed, supply_of(self.attack, clean, donors), _WINDOW_S)
+                    window = draw_window(
+                        0, name, seed, supply_of(self.attack, clean, donors), _WINDOW_S
+                    )
                     attacked = falsify(self.name, self.attack, clean, window, seed, donors)
                 except NotApplicable:
                     continue
@@ -94,7 +103,9 @@ def check_attack(attack: str | Attack, **parameters: Any) -> "pytest.MarkDecorat
     return parametrised(LAWS, Subject(attack, MappingProxyType(parameters)))
 
 
-def run_attack_checks(attack: str | Attack, parameters: Mapping[str, Any] = MappingProxyType({})) -> list[CheckResult]:
+def run_attack_checks(
+    attack: str | Attack, parameters: Mapping[str, Any] = MappingProxyType({})
+) -> list[CheckResult]:
     """Run all checks of an attack and return what each said.
 
     Raises:
@@ -109,7 +120,10 @@ def is_a_frozen_dataclass(subject: Subject) -> None:
     """It is a frozen dataclass whose parameters JSON can hold, and it models GNSS-derived kinds."""
     attack: Any = subject.attack
     parameters_of(subject.name, attack)
-    require(attack.__dataclass_params__.frozen, f"{type(attack).__name__} is not frozen: write @dataclass(frozen=True)")
+    require(
+        attack.__dataclass_params__.frozen,
+        f"{type(attack).__name__} is not frozen: write @dataclass(frozen=True)",
+    )
     for name in ("attack_class", "level", "strength_unit"):
         text = getattr(attack, name)
         require(isinstance(text, str) and bool(text), f"{name} must be a text, not {text!r}")
@@ -117,30 +131,47 @@ def is_a_frozen_dataclass(subject: Subject) -> None:
 
 
 def attacks(subject: Subject) -> None:
-    """It can be made on at least one example, and keeps the laws that the harness enforces on all of them."""
-    require(bool(subject.variants), f"no example can be attacked with a window of {_WINDOW_S} s: try a smaller strength")
+    """It can be made on at least one example, and keeps the laws that the harness enforces on all
+    of them.
+    """
+    require(
+        bool(subject.variants),
+        f"no example can be attacked with a window of {_WINDOW_S} s: try a smaller strength",
+    )
 
 
 def leaves_what_it_cannot_touch(subject: Subject) -> None:
-    """Other sensors, the reference and metadata are the clean recording's; GNSS-derived kinds without a model are gone."""
+    """Other sensors, the reference and metadata are the clean recording's; GNSS-derived kinds
+    without a model are gone.
+    """
     for variant in subject.variants:
         clean, attacked = variant.clean, variant.attacked
         for topic in clean:
             kind = KINDS[split_topic(topic)[1]]
             if not kind.is_gnss_derived:
-                require(topic in attacked and _same_rows(clean[topic], attacked[topic]), f"on {variant.name}, {topic} has changed")
+                require(
+                    topic in attacked and _same_rows(clean[topic], attacked[topic]),
+                    f"on {variant.name}, {topic} has changed",
+                )
             elif kind.name not in subject.attack.models:
-                require(topic not in attacked, f"on {variant.name}, {topic} is still there though it is not modelled")
+                require(
+                    topic not in attacked,
+                    f"on {variant.name}, {topic} is still there though it is not modelled",
+                )
         require(attacked.metadata == clean.metadata, f"on {variant.name}, metadata have changed")
 
 
 def stays_within_its_truth(subject: Subject) -> None:
-    """The truth interval begins at the first and ends right after the last changed or deleted row, within the window."""
+    """The truth interval begins at the first and ends right after the last changed or deleted row,
+    within the window.
+    """
     for variant in subject.variants:
         truth = variant.attacked[TRUTH_TOPIC]
         require(len(truth) == 1, f"on {variant.name}, there are {len(truth)} truth rows")
         said = Interval(int(truth["start_ns"][0]), int(truth["end_ns"][0]))
-        changed = np.concatenate([_changed_ns(variant.clean[t], variant.attacked[t]) for t in _attacked_topics(variant)])
+        changed = np.concatenate(
+            [_changed_ns(variant.clean[t], variant.attacked[t]) for t in _attacked_topics(variant)]
+        )
         require(changed.size > 0, f"on {variant.name}, nothing has changed")
         found = Interval(int(changed.min()), int(changed.max()) + 1)
         require(said == found, f"on {variant.name}, the truth says {said!r} and the rows {found!r}")
@@ -149,14 +180,21 @@ def stays_within_its_truth(subject: Subject) -> None:
 
 
 def _attacked_topics(variant: Variant) -> list[str]:
-    return [topic for topic in variant.attacked if topic != TRUTH_TOPIC and KINDS[split_topic(topic)[1]].is_gnss_derived]
+    return [
+        topic
+        for topic in variant.attacked
+        if topic != TRUTH_TOPIC and KINDS[split_topic(topic)[1]].is_gnss_derived
+    ]
 
 
 def _changed_ns(clean: Table, attacked: Table) -> Any:
     """Times at which two tables do not have the same rows."""
     rows: dict[int, tuple[list[Any], list[Any]]] = {}
     for which, table in enumerate((clean, attacked)):
-        fields = [table.words(n) if table.column(n).words is not None else _bits(table, n) for n in clean.kind.fields]
+        fields = [
+            table.words(n) if table.column(n).words is not None else _bits(table, n)
+            for n in clean.kind.fields
+        ]
         for time_ns, *row in zip(table.time_ns.tolist(), *fields, strict=True):
             rows.setdefault(time_ns, ([], []))[which].append(row)
     return np.array([time_ns for time_ns, (was, now) in rows.items() if was != now], np.int64)
@@ -165,11 +203,16 @@ def _changed_ns(clean: Table, attacked: Table) -> Any:
 def _bits(table: Table, name: str) -> list[Any]:
     values = table[name]
     bits = values.view(f"u{values.dtype.itemsize}").tolist()
-    return [value if known else None for value, known in zip(bits, table.valid(name).tolist(), strict=True)]
+    return [
+        value if known else None
+        for value, known in zip(bits, table.valid(name).tolist(), strict=True)
+    ]
 
 
 def _same_rows(one: Table, other: Table) -> bool:
-    return np.array_equal(one.time_ns, other.time_ns) and not any(differing(one, other, name).any() for name in one.kind.fields)
+    return np.array_equal(one.time_ns, other.time_ns) and not any(
+        differing(one, other, name).any() for name in one.kind.fields
+    )
 
 
 def rounds_as_the_receiver_does(subject: Subject) -> None:
@@ -177,29 +220,49 @@ def rounds_as_the_receiver_does(subject: Subject) -> None:
     for variant in subject.variants:
         for topic in _attacked_topics(variant):
             clean, attacked = variant.clean[topic], variant.attacked[topic]
-            for name, resolution in resolutions(clean, [name for name in clean if clean[name].dtype.kind == "f"]).items():
+            for name, resolution in resolutions(
+                clean, [name for name in clean if clean[name].dtype.kind == "f"]
+            ).items():
                 if resolution.write is None or resolution.dust or name not in attacked:
                     continue
                 values = attacked[name][~np.isnan(attacked[name])].astype(float)
-                require(np.array_equal(resolution.write(values), values), f"on {variant.name}, {name!r} of {topic} has other last digits")
+                require(
+                    np.array_equal(resolution.write(values), values),
+                    f"on {variant.name}, {name!r} of {topic} has other last digits",
+                )
 
 
 def is_deterministic(subject: Subject) -> None:
-    """The same seed gives the same bytes, from a fresh instance and whatever the state of the global generators."""
+    """The same seed gives the same bytes, from a fresh instance and whatever the state of the
+    global generators.
+    """
     fresh: Attack = pickle.loads(pickle.dumps(subject.attack))
     for variant in subject.variants:
         with global_seed(variant.seed + 1):
-            again = falsify(subject.name, fresh, variant.clean, variant.window, variant.seed, variant.donors)
-        require(again.digest() == variant.attacked.digest(), f"on {variant.name}, seed {variant.seed} gives other rows the second time")
+            again = falsify(
+                subject.name, fresh, variant.clean, variant.window, variant.seed, variant.donors
+            )
+        require(
+            again.digest() == variant.attacked.digest(),
+            f"on {variant.name}, seed {variant.seed} gives other rows the second time",
+        )
 
 
 def leaves_its_arguments(subject: Subject) -> None:
     """The clean recording and the donors are the same after the call."""
     for variant in subject.variants:
-        given = [Recording(dict(recording), recording.metadata) for recording in (variant.clean, *variant.donors)]
-        subject.attack.apply(given[0], variant.window, np.random.default_rng(variant.seed), given[1:])
+        given = [
+            Recording(dict(recording), recording.metadata)
+            for recording in (variant.clean, *variant.donors)
+        ]
+        subject.attack.apply(
+            given[0], variant.window, np.random.default_rng(variant.seed), given[1:]
+        )
         for recording, same in zip(given, (variant.clean, *variant.donors), strict=True):
-            require(recording.digest() == same.digest(), f"on {variant.name}, the attack alters the recordings that it is given")
+            require(
+                recording.digest() == same.digest(),
+                f"on {variant.name}, the attack alters the recordings that it is given",
+            )
 
 
 def says_when_it_cannot_be_made(subject: Subject) -> None:

@@ -1,4 +1,6 @@
-"""What checks of any plugin have in common: laws as functions of a subject, run as tests or one by one."""
+"""What checks of any plugin have in common: laws as functions of a subject, run as tests or one by
+one.
+"""
 
 import random
 from collections.abc import Callable, Iterator, Sequence
@@ -55,7 +57,9 @@ class Check(Generic[Subject]):
         return CheckResult(str(self), True, None)
 
 
-def parametrised(laws: Sequence[Callable[[Subject], None]], subject: Subject) -> "pytest.MarkDecorator":
+def parametrised(
+    laws: Sequence[Callable[[Subject], None]], subject: Subject
+) -> "pytest.MarkDecorator":
     """Parametrise a test's argument ``check`` with a check per law."""
     import pytest
 

@@ -14,7 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench import plugins
-from spoofbench.converting import Block, Converter, Extent, Facts, Item, Member, Reject, Rejects, Source
+from spoofbench.converting import (
+    Block,
+    Converter,
+    Extent,
+    Facts,
+    Item,
+    Member,
+    Reject,
+    Rejects,
+    Source,
+)
 from spoofbench.errors import RecordingError, SpoofbenchError
 from spoofbench.recording import Column, Recording, Table
 from spoofbench.schema import split_topic
@@ -26,7 +36,9 @@ Run = tuple[int, int, str]
 
 @dataclass(frozen=True)
 class Subject:
-    """A converter under test: a module or object, or the name of an entry point; sample logs; options by name."""
+    """A converter under test: a module or object, or the name of an entry point; sample logs;
+    options by name.
+    """
 
     given: str | Converter
     samples: tuple[Path, ...]
@@ -51,7 +63,9 @@ class Subject:
         return {path: self.convert(path) for path in self.samples}
 
     def streams(self) -> Iterator[tuple[Path, bytes, "Outcome"]]:
-        """Yield the samples that are files, with their bytes as they are stored, and what comes of them whole."""
+        """Yield the samples that are files, with their bytes as they are stored, and what comes of
+        them whole.
+        """
         for path, whole in self.wholes.items():
             if path.is_file():
                 yield path, path.read_bytes(), whole
@@ -84,7 +98,9 @@ class Subject:
         try:
             score = self.converter.sniff(log)
         except Exception as error:
-            raise CheckFailed(f"sniff() of {path.name!r} raises {type(error).__name__}: {error}") from error
+            raise CheckFailed(
+                f"sniff() of {path.name!r} raises {type(error).__name__}: {error}"
+            ) from error
         number = isinstance(score, int | float) and 0 <= score <= 1
         require(number, f"sniff() of {path.name!r} must answer 0 to 1, not {score!r}")
         return float(score)
@@ -117,7 +133,11 @@ class Outcome:
         Raises:
             CheckFailed: those of a topic run backwards in time from one block to the next.
         """
-        return {topic: joined(topic, parts) for topic, parts in self.parts.items() if sum(map(len, parts))}
+        return {
+            topic: joined(topic, parts)
+            for topic, parts in self.parts.items()
+            if sum(map(len, parts))
+        }
 
     @property
     def skipped(self) -> int:
@@ -135,10 +155,20 @@ class Outcome:
     @cached_property
     def digests(self) -> Mapping[str, str]:
         """SHA-256 of what it consists of: equal where the recording's bytes are."""
-        parts: dict[str, Any] = {f"the rows of {topic}": Recording({topic: table}).digest() for topic, table in self.tables.items()}
+        parts: dict[str, Any] = {
+            f"the rows of {topic}": Recording({topic: table}).digest()
+            for topic, table in self.tables.items()
+        }
         parts |= {f"the facts {name!r}": dict(record) for name, record in self.facts.items()}
-        parts |= {"the account": self.used, "the rejects": list(self.rejects), "the error": self.error}
-        return {name: hashlib.sha256(json.dumps(part, sort_keys=True).encode()).hexdigest() for name, part in parts.items()}
+        parts |= {
+            "the account": self.used,
+            "the rejects": list(self.rejects),
+            "the error": self.error,
+        }
+        return {
+            name: hashlib.sha256(json.dumps(part, sort_keys=True).encode()).hexdigest()
+            for name, part in parts.items()
+        }
 
 
 def differing(one: Mapping[str, str], other: Mapping[str, str]) -> str:
@@ -146,7 +176,9 @@ def differing(one: Mapping[str, str], other: Mapping[str, str]) -> str:
     return next((name for name in sorted({*one, *other}) if one.get(name) != other.get(name)), "")
 
 
-def outcome(converter: Converter, path: Path, options: Mapping[str, Any], source: type[Source] = Source) -> Outcome:
+def outcome(
+    converter: Converter, path: Path, options: Mapping[str, Any], source: type[Source] = Source
+) -> Outcome:
     """Convert a log and return what comes of it.
 
     Raises:
@@ -163,11 +195,16 @@ def outcome(converter: Converter, path: Path, options: Mapping[str, Any], source
             gathered.add(item)
     except SpoofbenchError as failure:
         error = str(failure)
-        require(bool(error) and "\n" not in error.strip(), f"on {path.name!r} the error must be one sentence, not {error!r}")
+        require(
+            bool(error) and "\n" not in error.strip(),
+            f"on {path.name!r} the error must be one sentence, not {error!r}",
+        )
     except CheckFailed:
         raise
     except Exception as failure:
-        raise CheckFailed(f"convert() of {path.name!r} raises {type(failure).__name__}: {failure}") from failure
+        raise CheckFailed(
+            f"convert() of {path.name!r} raises {type(failure).__name__}: {failure}"
+        ) from failure
     return gathered.outcome(unpacked_size(log), error)
 
 
@@ -184,25 +221,41 @@ class _Gathered:
         elif isinstance(item, Reject):
             self.runs.append((int(item.offset), int(item.length), item.reason))
         elif isinstance(item, Rejects):
-            self.runs += [(*run, item.reason) for run in zip(item.offsets.tolist(), item.lengths.tolist(), strict=True)]
+            self.runs += [
+                (*run, item.reason)
+                for run in zip(item.offsets.tolist(), item.lengths.tolist(), strict=True)
+            ]
         elif isinstance(item, Facts):
             for name, record in item.metadata.items():
                 self.facts.setdefault(name, {}).update(record)
         elif not isinstance(item, Extent):
-            raise CheckFailed(f"convert() must yield blocks, rejects, facts or an extent, not {type(item).__name__}")
+            raise CheckFailed(
+                "convert() must yield blocks, rejects, facts or an extent, not "
+                f"{type(item).__name__}"
+            )
 
     def _add_rows(self, block: Block) -> None:
         try:
             kind = split_topic(block.topic)[1]
         except RecordingError as error:
             raise CheckFailed(f"a block's topic is not one of the schema: {error}") from error
-        require(kind == block.table.kind.name, f"a block of {block.topic!r} has a table of kind {block.table.kind.name!r}")
+        require(
+            kind == block.table.kind.name,
+            f"a block of {block.topic!r} has a table of kind {block.table.kind.name!r}",
+        )
         require(block.used >= 0, f"a block of {block.topic!r} has used {block.used}")
         self.used += int(block.used)
         self.parts.setdefault(block.topic, []).append(block.table)
 
     def outcome(self, size: int | None, error: str | None) -> Outcome:
-        return Outcome(MappingProxyType(self.parts), self.used, merged(self.runs), MappingProxyType(self.facts), size, error)
+        return Outcome(
+            MappingProxyType(self.parts),
+            self.used,
+            merged(self.runs),
+            MappingProxyType(self.facts),
+            size,
+            error,
+        )
 
 
 def merged(runs: Sequence[Run]) -> tuple[Run, ...]:
@@ -226,9 +279,16 @@ def joined(topic: str, parts: Sequence[Table]) -> Table:
     if len(parts) == 1:
         return parts[0]
     times = np.concatenate([part.time_ns for part in parts])
-    require(bool(np.all(times[1:] >= times[:-1])), f"rows of {topic} run backwards in time from one block to the next")
+    require(
+        bool(np.all(times[1:] >= times[:-1])),
+        f"rows of {topic} run backwards in time from one block to the next",
+    )
     names = {name: None for part in parts for name in part}
-    return Table(parts[0].kind.name, times, {name: _joined_column([part.column(name) for part in parts]) for name in names})
+    return Table(
+        parts[0].kind.name,
+        times,
+        {name: _joined_column([part.column(name) for part in parts]) for name in names},
+    )
 
 
 def _joined_column(columns: Sequence[Column]) -> Column:
@@ -236,19 +296,29 @@ def _joined_column(columns: Sequence[Column]) -> Column:
         words: dict[Any, int] = {}
         codes: list[NDArray[Any]] = []
         for column in columns:
-            place = np.array([*(words.setdefault(word, len(words)) for word in column.words or ()), -1], np.int32)
+            place = np.array(
+                [*(words.setdefault(word, len(words)) for word in column.words or ()), -1], np.int32
+            )
             codes.append(place[column.values])
         return Column(np.concatenate(codes), None, tuple(words))
     values = np.concatenate([column.values for column in columns])
     if values.dtype.kind == "f" or all(column.valid is None for column in columns):
         return Column(values)
     return Column(
-        values, np.concatenate([np.ones(column.values.size, bool) if column.valid is None else column.valid for column in columns])
+        values,
+        np.concatenate(
+            [
+                np.ones(column.values.size, bool) if column.valid is None else column.valid
+                for column in columns
+            ]
+        ),
     )
 
 
 def unpacked_size(log: Source) -> int | None:
-    """Return the bytes of a log as :meth:`Source.open` and :meth:`Source.members` hand them out; None where they cannot."""
+    """Return the bytes of a log as :meth:`Source.open` and :meth:`Source.members` hand them out;
+    None where they cannot.
+    """
     try:
         members = log.members()
         openings: list[Callable[[], Any]] = [member.open for member in members.values()]
@@ -300,7 +370,10 @@ class TrickledSource(Source):
         return _Trickle(super().open())
 
     def members(self) -> Mapping[str, Any]:
-        return {name: _TrickledMember(m.name, m.size, m.path, m.info) for name, m in super().members().items()}
+        return {
+            name: _TrickledMember(m.name, m.size, m.path, m.info)
+            for name, m in super().members().items()
+        }
 
 
 class _TrickledMember(Member):

@@ -41,9 +41,13 @@ STRANGERS: tuple[bytes, ...] = (
 
 
 def cuts(size: int) -> list[int]:
-    """Return where a log of this size is cut: a few bytes in, at random, and just before the end."""
+    """Return where a log of this size is cut: a few bytes in, at random, and just before the
+    end.
+    """
     drawn = np.random.default_rng(9).integers(size // 3, size, _CUTS).tolist() if size >= 3 else []
-    return sorted({at for at in (0, 1, 16, size // 20, *drawn, size - 2, size - 1) if 0 <= at < size})
+    return sorted(
+        {at for at in (0, 1, 16, size // 20, *drawn, size - 2, size - 1) if 0 <= at < size}
+    )
 
 
 def damages(log: bytes) -> Iterator[tuple[str, int, bytes]]:

@@ -6,7 +6,15 @@ from spoofbench.recording import Table
 from spoofbench.testing.checking import require
 from spoofbench.testing.converter_alone import convert_alone
 from spoofbench.testing.converter_subject import Outcome, Subject
-from spoofbench.testing.damage import GARBAGE, STRANGERS, cuts, damaged_logs, damages, long_logs, scratch
+from spoofbench.testing.damage import (
+    GARBAGE,
+    STRANGERS,
+    cuts,
+    damaged_logs,
+    damages,
+    long_logs,
+    scratch,
+)
 
 HELD_S = 10.0
 """How long a converter may hold rows: so much before damage or a log's end may differ."""
@@ -19,10 +27,11 @@ MEMORY_SHARE = 0.5
 
 
 def keeps_what_stands_before_a_cut(subject: Subject) -> None:
-    """A log cut at any byte gives the rows of the whole, but for the last :data:`HELD_S`, and its share of them.
+    """A log cut at any byte gives the rows of the whole, but for the last :data:`HELD_S`, and its
+    share of them.
 
-    The share is :data:`SHARE` of what the bytes that are left make one expect. A log cut within its first
-    third may be refused.
+    The share is :data:`SHARE` of what the bytes that are left make one expect. A log cut within its
+    first third may be refused.
     """
     for path, log, whole in subject.streams() if subject.streamed else ():
         for at in cuts(len(log)):
@@ -44,9 +53,15 @@ def _require_before(whole: Outcome, damaged: Outcome, latest_ns: int | None, wha
         before = None if rows is None else rows.until(sure_ns)
         kept = None if given is None else given.until(sure_ns)
         count = [0 if table is None else len(table) for table in (before, kept)]
-        require(count[0] == count[1], f"{what} gives {count[1]} rows of {topic} up to {sure_ns}, the whole log {count[0]}")
+        require(
+            count[0] == count[1],
+            f"{what} gives {count[1]} rows of {topic} up to {sure_ns}, the whole log {count[0]}",
+        )
         if before is not None and kept is not None and count[0]:
-            require(before == kept, f"{what} gives other rows of {topic} up to {sure_ns}: {_difference(before, kept)}")
+            require(
+                before == kept,
+                f"{what} gives other rows of {topic} up to {sure_ns}: {_difference(before, kept)}",
+            )
 
 
 def _difference(one: Table, other: Table) -> str:
@@ -56,13 +71,16 @@ def _difference(one: Table, other: Table) -> str:
     names = [
         name
         for name in one.kind.fields
-        if Table(one.kind.name, one.time_ns, {name: one.column(name)}) != other.replace(**dict.fromkeys(set(other) - {name}))
+        if Table(one.kind.name, one.time_ns, {name: one.column(name)})
+        != other.replace(**dict.fromkeys(set(other) - {name}))
     ]
     return f"{names} differ"
 
 
 def keeps_what_stands_around_damage(subject: Subject) -> None:
-    """Flipped, inserted or removed bytes leave the rows of the whole before them, and :data:`AFTER_SHARE` of those after."""
+    """Flipped, inserted or removed bytes leave the rows of the whole before them, and
+    :data:`AFTER_SHARE` of those after.
+    """
     for path, log, whole in subject.streams() if subject.streamed else ():
         for what, at, damaged in damages(log):
             found = subject.convert_bytes(path.name, damaged)
@@ -72,23 +90,43 @@ def keeps_what_stands_around_damage(subject: Subject) -> None:
             _require_before(whole, found, latest, what)
             if latest is not None:
                 after_ns = latest + int(HELD_S * 1e9)
-                expected, given = (sum(int((t.time_ns > after_ns).sum()) for t in o.tables.values()) for o in (whole, found))
-                require(given >= AFTER_SHARE * expected, f"{what} gives {given} of {expected} rows after it")
+                expected, given = (
+                    sum(int((t.time_ns > after_ns).sum()) for t in o.tables.values())
+                    for o in (whole, found)
+                )
+                require(
+                    given >= AFTER_SHARE * expected,
+                    f"{what} gives {given} of {expected} rows after it",
+                )
 
 
 def survives_garbage(subject: Subject) -> None:
     """Garbage behind a log costs no row; before it, none where the log is still recognised."""
     for path, log, whole in subject.streams() if subject.streamed else ():
         behind = subject.convert_bytes(path.name, log + GARBAGE)
-        require(behind.error is None, f"{path.name!r} with garbage behind it is refused: {behind.error}")
-        require(behind.rows >= whole.rows, f"{path.name!r} with garbage behind it gives {behind.rows} rows of {whole.rows}")
+        require(
+            behind.error is None, f"{path.name!r} with garbage behind it is refused: {behind.error}"
+        )
+        require(
+            behind.rows >= whole.rows,
+            f"{path.name!r} with garbage behind it gives {behind.rows} rows of {whole.rows}",
+        )
         with scratch() as folder:
             before = folder / path.name
             before.write_bytes(GARBAGE + log)
             if subject.sniff(before) > 0:
                 found = subject.convert(before)
-                require(found.error is None, f"{path.name!r} with garbage before it is recognised, but refused: {found.error}")
-                require(found.rows >= whole.rows, f"{path.name!r} with garbage before it gives {found.rows} rows of {whole.rows}")
+                require(
+                    found.error is None,
+                    (
+                        f"{path.name!r} with garbage before it is recognised, but refused: "
+                        f"{found.error}"
+                    ),
+                )
+                require(
+                    found.rows >= whole.rows,
+                    f"{path.name!r} with garbage before it gives {found.rows} rows of {whole.rows}",
+                )
 
 
 def raises_only_its_errors(subject: Subject) -> None:
@@ -96,20 +134,31 @@ def raises_only_its_errors(subject: Subject) -> None:
     for path in subject.samples:
         for what, log in damaged_logs(path) if path.is_file() else ():
             found = subject.convert_bytes(path.name, log)
-            require(found.error is None or bool(found.error.strip()), f"{path.name!r} with {what} is refused without a reason")
+            require(
+                found.error is None or bool(found.error.strip()),
+                f"{path.name!r} with {what} is refused without a reason",
+            )
         for stranger in (b"", *STRANGERS):
             subject.convert_bytes(path.name, stranger)
 
 
 def keeps_memory_bounded(subject: Subject) -> None:
-    """Memory does not grow with the log: a longer log takes at most :data:`MEMORY_SHARE` of the difference more."""
+    """Memory does not grow with the log: a longer log takes at most :data:`MEMORY_SHARE` of the
+    difference more.
+    """
     for path, log, _ in subject.streams() if subject.streamed else ():
         with scratch() as folder:
             for what, short, long in long_logs(log, folder):
-                first, second = (alone.peak_bytes for alone in convert_alone(subject.given, [short, long], subject.options, keep=False))
+                first, second = (
+                    alone.peak_bytes
+                    for alone in convert_alone(
+                        subject.given, [short, long], subject.options, keep=False
+                    )
+                )
                 most = MEMORY_SHARE * (long.stat().st_size - short.stat().st_size)
                 require(
                     second - first <= most,
-                    f"{path.name!r} {what} takes {first / 2**20:.0f} MiB at {short.stat().st_size / 2**20:.0f} MiB "
+                    f"{path.name!r} {what} takes {first / 2**20:.0f} MiB at "
+                    f"{short.stat().st_size / 2**20:.0f} MiB "
                     f"and {second / 2**20:.0f} MiB at {long.stat().st_size / 2**20:.0f} MiB",
                 )

@@ -16,10 +16,25 @@ import numpy as np
 from spoofbench.detecting import Detector
 from spoofbench.recording import Recording, Table
 from spoofbench.schema import SENSOR_KINDS, split_topic
-from spoofbench.testing.checking import Check, CheckFailed, CheckResult, global_seed, parametrised, require
+from spoofbench.testing.checking import (
+    Check,
+    CheckFailed,
+    CheckResult,
+    global_seed,
+    parametrised,
+    require,
+)
 from spoofbench.testing.futures import cuts, futures
 from spoofbench.testing.isolated import decide_alone
-from spoofbench.testing.subject import Subject, decide, decide_if_possible, difference, examples, private, quiet
+from spoofbench.testing.subject import (
+    Subject,
+    decide,
+    decide_if_possible,
+    difference,
+    examples,
+    private,
+    quiet,
+)
 
 if TYPE_CHECKING:
     import pytest
@@ -35,7 +50,9 @@ def check_detector(detector: str | Detector, /, **parameters: Any) -> "pytest.Ma
     return parametrised(LAWS, Subject(detector, MappingProxyType(parameters)))
 
 
-def run_detector_checks(detector: str | Detector, parameters: Mapping[str, Any] = MappingProxyType({})) -> list[CheckResult]:
+def run_detector_checks(
+    detector: str | Detector, parameters: Mapping[str, Any] = MappingProxyType({})
+) -> list[CheckResult]:
     """Run all checks of a detector and return what each said.
 
     Raises:
@@ -53,24 +70,44 @@ def _require_same(reason: str | None, where: str) -> None:
 def is_a_frozen_dataclass(subject: Subject) -> None:
     """Loaded by its entry point it is a frozen dataclass whose parameters are named."""
     detector: Any = subject.detector
-    require(dataclasses.is_dataclass(detector) and not isinstance(detector, type), f"{detector!r} is not an instance of a dataclass")
-    require(detector.__dataclass_params__.frozen, f"{type(detector).__name__} is not frozen: write @dataclass(frozen=True)")
-    require(isinstance(detector, Detector), f"{type(detector).__name__} lacks one of requires, uses, memory_s, detect")
+    require(
+        dataclasses.is_dataclass(detector) and not isinstance(detector, type),
+        f"{detector!r} is not an instance of a dataclass",
+    )
+    require(
+        detector.__dataclass_params__.frozen,
+        f"{type(detector).__name__} is not frozen: write @dataclass(frozen=True)",
+    )
+    require(
+        isinstance(detector, Detector),
+        f"{type(detector).__name__} lacks one of requires, uses, memory_s, detect",
+    )
     loose = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
     for parameter in inspect.signature(type(detector)).parameters.values():
-        require(parameter.kind not in loose, f"parameter {parameter} has no name: parameters must be fields")
+        require(
+            parameter.kind not in loose,
+            f"parameter {parameter} has no name: parameters must be fields",
+        )
 
 
 def declares_its_needs(subject: Subject) -> None:
-    """``requires`` and ``uses`` are kinds of the schema, ``memory_s`` is a finite number of seconds."""
+    """``requires`` and ``uses`` are kinds of the schema, ``memory_s`` is a finite number of
+    seconds.
+    """
     detector = subject.detector
     for name, kinds in (("requires", detector.requires), ("uses", detector.uses)):
         require(isinstance(kinds, tuple), f"{name} must be a tuple of kinds, not {kinds!r}")
         for kind in kinds:
-            require(kind in SENSOR_KINDS, f"{name} has {kind!r}, which is not one of {sorted(SENSOR_KINDS)}")
+            require(
+                kind in SENSOR_KINDS,
+                f"{name} has {kind!r}, which is not one of {sorted(SENSOR_KINDS)}",
+            )
     memory = detector.memory_s
     number = isinstance(memory, int | float) and not isinstance(memory, bool)
-    require(number and math.isfinite(memory) and memory >= 0, f"memory_s must be a finite number of at least 0, not {memory!r}")
+    require(
+        number and math.isfinite(memory) and memory >= 0,
+        f"memory_s must be a finite number of at least 0, not {memory!r}",
+    )
 
 
 def decides(subject: Subject) -> None:
@@ -79,7 +116,13 @@ def decides(subject: Subject) -> None:
         lowest = decisions.score[decisions.available].min(initial=np.inf)
         require(lowest > -np.inf, f"on {name} a score is -inf: scores must be finite or +inf")
     available = any(decisions.available.any() for decisions in subject.decided.values())
-    require(available, "no decision is available on any drive of up to 240 s, so no other check means anything: try shorter time spans")
+    require(
+        available,
+        (
+            "no decision is available on any drive of up to 240 s, so no other check means "
+            "anything: try shorter time spans"
+        ),
+    )
 
 
 def keeps_causality(subject: Subject) -> None:
@@ -90,7 +133,13 @@ def keeps_causality(subject: Subject) -> None:
         for time_ns in cuts(blind.primary("gnss/pvt").time_ns, thorough=index == 0):
             for change, other in futures(blind, time_ns):
                 reason = difference(expected, decide_if_possible(subject.detector, other), time_ns)
-                _require_same(reason, f"on {example}, with the rows after {time_ns} {change}, an earlier decision changes")
+                _require_same(
+                    reason,
+                    (
+                        f"on {example}, with the rows after {time_ns} {change}, an earlier "
+                        "decision changes"
+                    ),
+                )
 
 
 def leaves_the_recording(subject: Subject) -> None:
@@ -114,11 +163,15 @@ def keeps_no_state(subject: Subject) -> None:
     for example in reversed(examples()):
         for who, detector in (("the same", subject.detector), ("another", fresh)):
             reason = difference(subject.decided[example.name], decide(detector, example.recording))
-            _require_same(reason, f"on {example}, {who} instance decides otherwise after other recordings")
+            _require_same(
+                reason, f"on {example}, {who} instance decides otherwise after other recordings"
+            )
 
 
 def leaves_the_process(subject: Subject) -> None:
-    """The global random generators, numpy's error state, the folder and the environment stay as they are."""
+    """The global random generators, numpy's error state, the folder and the environment stay as
+    they are.
+    """
     with global_seed(11):
         before = _process_state()
         decide(subject.detector, examples()[0].recording)
@@ -131,41 +184,66 @@ def is_deterministic(subject: Subject) -> None:
     for example in examples():
         for seed in (1, 2):
             with global_seed(seed):
-                reason = difference(subject.decided[example.name], decide(subject.detector, example.recording))
+                reason = difference(
+                    subject.decided[example.name], decide(subject.detector, example.recording)
+                )
             _require_same(reason, f"on {example}, a second run decides otherwise")
 
 
 def _process_state() -> dict[str, Any]:
     name, keys, *rest = np.random.get_state()  # noqa: NPY002  the very state that must stay
-    state = {"numpy's global random generator": (name, np.asarray(keys).tobytes(), *rest), "the random module": random.getstate()}
-    return {**state, "numpy's error state": np.geterr(), "the folder": os.getcwd(), "the environment": dict(os.environ)}  # noqa: PTH109
+    state = {
+        "numpy's global random generator": (name, np.asarray(keys).tobytes(), *rest),
+        "the random module": random.getstate(),
+    }
+    return {
+        **state,
+        "numpy's error state": np.geterr(),
+        "the folder": os.getcwd(),
+        "the environment": dict(os.environ),
+    }
 
 
 def needs_nothing_but_the_blind_recording(subject: Subject) -> None:
-    """Alone with blind recordings in another process it decides the same and reaches for no file or network."""
+    """Alone with blind recordings in another process it decides the same and reaches for no file or
+    network.
+    """
     backwards = tuple(reversed(examples()))
     answer = decide_alone(subject.detector, [example.recording for example in backwards])
     for example, decisions in zip(backwards, answer.decisions, strict=True):
         reason = difference(subject.decided[example.name], decisions)
-        _require_same(reason, f"on {example}, it decides otherwise in a process that has the blind recording alone")
+        _require_same(
+            reason,
+            f"on {example}, it decides otherwise in a process that has the blind recording alone",
+        )
     require(answer.reached is None, f"detect() reaches beyond the recording: {answer.reached}")
 
 
 def pickles(subject: Subject) -> None:
     """It can go to another process and is equal there."""
     copied = pickle.loads(pickle.dumps(subject.detector))
-    require(copied == subject.detector, f"{subject.detector!r} comes back from pickle as {copied!r}")
+    require(
+        copied == subject.detector, f"{subject.detector!r} comes back from pickle as {copied!r}"
+    )
 
 
 def does_without_what_it_does_not_require(subject: Subject) -> None:
     """Kinds beyond ``requires``, second sources and metadata may be missing."""
     recording = examples()[0].recording.blind()
-    needed = Recording({topic: table for topic, table in recording.items() if split_topic(topic)[1] in subject.detector.requires})
+    needed = Recording(
+        {
+            topic: table
+            for topic, table in recording.items()
+            if split_topic(topic)[1] in subject.detector.requires
+        }
+    )
     decide(subject.detector, needed)
 
 
 def says_what_is_missing(subject: Subject) -> None:
-    """Without a required kind it raises nothing but a clear error, even when the harness does not ask first."""
+    """Without a required kind it raises nothing but a clear error, even when the harness does not
+    ask first.
+    """
     blind = examples()[0].recording.blind()
     for kind in subject.detector.requires:
         without = blind.replace(dict.fromkeys(blind.topics(kind)))
@@ -206,27 +284,61 @@ def _poor(recording: Recording) -> Iterator[tuple[str, Recording]]:
     third = (end - start) // 3
 
     def each(change: Callable[[Table], Table]) -> Recording:
-        return Recording({topic: change(table) for topic, table in recording.items()}, recording.metadata)
+        return Recording(
+            {topic: change(table) for topic, table in recording.items()}, recording.metadata
+        )
 
     def floats(table: Table, change: Callable[[Any], Any]) -> Table:
-        return table.replace(**{name: change(table[name]) for name in table if table[name].dtype.kind == "f"})
+        return table.replace(
+            **{name: change(table[name]) for name in table if table[name].dtype.kind == "f"}
+        )
 
     yield "a recording without rows", recording.until(start - 1)
     yield "a recording of one row each", each(lambda table: table.take(slice(0, 1)))
     yield "a recording of two rows each", each(lambda table: table.take(slice(0, 2)))
-    yield "a recording without values", each(lambda table: Table(table.kind.name, table.time_ns, {}))
+    yield (
+        "a recording without values",
+        each(lambda table: Table(table.kind.name, table.time_ns, {})),
+    )
     yield "a recording of zeros", each(lambda table: floats(table, np.zeros_like))
     yield (
         "a recording with a third of the values missing",
-        each(lambda table: floats(table, lambda values: np.where(rng.random(values.size) < 1 / 3, np.nan, values))),
+        each(
+            lambda table: floats(
+                table, lambda values: np.where(rng.random(values.size) < 1 / 3, np.nan, values)
+            )
+        ),
     )
-    yield "a recording with every time twice", each(lambda table: table.take(np.repeat(np.arange(len(table)), 2)))
-    yield "a recording of one time", each(lambda table: Table(table.kind.name, np.full(len(table), start), dict(_columns(table))))
-    yield "a recording with a gap", each(lambda table: table.take((table.time_ns < start + third) | (table.time_ns > end - third)))
+    yield (
+        "a recording with every time twice",
+        each(lambda table: table.take(np.repeat(np.arange(len(table)), 2))),
+    )
+    yield (
+        "a recording of one time",
+        each(
+            lambda table: Table(table.kind.name, np.full(len(table), start), dict(_columns(table)))
+        ),
+    )
+    yield (
+        "a recording with a gap",
+        each(
+            lambda table: table.take(
+                (table.time_ns < start + third) | (table.time_ns > end - third)
+            )
+        ),
+    )
     for kind in sorted(recording.kinds):
-        late = {topic: recording[topic].take(recording[topic].time_ns > end - third) for topic in recording.topics(kind)}
-        early = {topic: recording[topic].until(start + third) for topic in recording if topic not in late}
-        yield f"a recording whose {kind} begins after all else has ended", recording.replace({**early, **late})
+        late = {
+            topic: recording[topic].take(recording[topic].time_ns > end - third)
+            for topic in recording.topics(kind)
+        }
+        early = {
+            topic: recording[topic].until(start + third) for topic in recording if topic not in late
+        }
+        yield (
+            f"a recording whose {kind} begins after all else has ended",
+            recording.replace({**early, **late}),
+        )
 
 
 def _columns(table: Table) -> Iterator[tuple[str, Any]]:

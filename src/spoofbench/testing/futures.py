@@ -11,7 +11,9 @@ _SEED = 20_170_503
 
 
 def futures(recording: Recording, time_ns: int) -> Iterator[tuple[str, Recording]]:
-    """Yield recordings whose rows at or before a time are those given, and what became of the rows after it."""
+    """Yield recordings whose rows at or before a time are those given, and what became of the rows
+    after it.
+    """
     yield "cut off", recording.until(time_ns)
     for name, change in (("scrambled", _scrambled), ("altered", _altered)):
         rng = np.random.default_rng(_SEED)
@@ -23,7 +25,9 @@ def futures(recording: Recording, time_ns: int) -> Iterator[tuple[str, Recording
 
 
 def cuts(time_ns: NDArray[np.int64], thorough: bool) -> list[int]:
-    """Choose times for :func:`futures` from the epochs: before all, at rows, 1 ns before and after, between, at the end."""
+    """Choose times for :func:`futures` from the epochs: before all, at rows, 1 ns before and after,
+    between, at the end.
+    """
     if not time_ns.size:
         return [0]
     rows = [round(share * (time_ns.size - 1)) for share in (0.3, 0.45, 0.65, 1.0)]
@@ -39,12 +43,18 @@ def _scrambled(table: Table, first: int, rng: np.random.Generator) -> Table:
     columns = {}
     for name in table:
         column = table.column(name)
-        columns[name] = Column(column.values[order], None if column.valid is None else column.valid[order], column.words)
+        columns[name] = Column(
+            column.values[order],
+            None if column.valid is None else column.valid[order],
+            column.words,
+        )
     return Table(table.kind.name, table.time_ns, columns)
 
 
 def _altered(table: Table, first: int, rng: np.random.Generator) -> Table:
-    """Scale and shift floats and lose some, change some counts and flags, lose every third row, let time run ahead."""
+    """Scale and shift floats and lose some, change some counts and flags, lose every third row, let
+    time run ahead.
+    """
     after = np.arange(len(table)) >= first
     changed = {name: table.column(name) for name in table}
     for name, column in changed.items():
@@ -53,6 +63,8 @@ def _altered(table: Table, first: int, rng: np.random.Generator) -> Table:
             moved = values * 1.7 + rng.normal(0, 3, values.size)
             changed[name] = Column(np.where(some, np.nan, np.where(after, moved, values)))
         elif column.words is None:
-            changed[name] = Column(np.where(some, values ^ np.ones((), values.dtype), values), column.valid)
+            changed[name] = Column(
+                np.where(some, values ^ np.ones((), values.dtype), values), column.valid
+            )
     altered = Table(table.kind.name, table.time_ns + np.where(after, 37_000_000, 0), changed)
     return altered.take(~after | (np.arange(len(table)) % 3 != 0))

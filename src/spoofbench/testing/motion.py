@@ -1,7 +1,8 @@
 """The motion of a car that never existed: starts, turns, hills and stops, exactly differentiable.
 
-Speed, curvature and slope are drawn at random knots and smoothed; attitude, velocity, position, specific
-force and angular rate follow from them, so that the sensors made from it agree as real ones do.
+Speed, curvature and slope are drawn at random knots and smoothed; attitude, velocity, position,
+specific force and angular rate follow from them, so that the sensors made from it agree as real
+ones do.
 """
 
 from dataclasses import dataclass
@@ -20,13 +21,10 @@ _LATERAL_LIMIT_MPS2 = 4.0
 class Motion:
     """True motion every 10 ms; body frame forward-right-down, roll zero.
 
-    Attributes:
-        time_s: ``(n,)`` from 0.
-        velocity_mps: ``(n, 3)`` NED.
-        position: ``(n, 3)`` latitude and longitude in degrees, ellipsoidal height in metres.
-        attitude_rad: ``(n, 3)`` roll, pitch, yaw.
-        specific_force_mps2: ``(n, 3)`` in the body frame, mean over the 10 ms that end at ``time_s``.
-        angular_rate_radps: ``(n, 3)`` of the body, mean over the same 10 ms.
+    Attributes: time_s: ``(n,)`` from 0. velocity_mps: ``(n, 3)`` NED. position: ``(n, 3)`` latitude
+        and longitude in degrees, ellipsoidal height in metres. attitude_rad: ``(n, 3)`` roll,
+        pitch, yaw. specific_force_mps2: ``(n, 3)`` in the body frame, mean over the 10 ms that end
+        at ``time_s``. angular_rate_radps: ``(n, 3)`` of the body, mean over the same 10 ms.
     """
 
     time_s: Floats
@@ -38,16 +36,25 @@ class Motion:
 
 
 def make_motion(rng: np.random.Generator, duration_s: float) -> Motion:
-    """Draw a drive: parked for the first 10 s, then legs of 12 to 30 s with a stop after every other one."""
+    """Draw a drive: parked for the first 10 s, then legs of 12 to 30 s with a stop after every
+    other one.
+    """
     time_s: Floats = np.arange(round(duration_s / STEP_S) + 1, dtype=np.float64) * STEP_S
     speed, curvature = _speed_and_curvature(rng, time_s)
     distance = _integrate(speed)
     wavelengths = rng.uniform(250, 900, 4)
-    pitch: Floats = np.sum(0.012 * np.sin(2 * np.pi * distance[:, None] / wavelengths + rng.uniform(0, 2 * np.pi, 4)), axis=1)
+    pitch: Floats = np.sum(
+        0.012 * np.sin(2 * np.pi * distance[:, None] / wavelengths + rng.uniform(0, 2 * np.pi, 4)),
+        axis=1,
+    )
     yaw = rng.uniform(-np.pi, np.pi) + _integrate(curvature * speed)
-    velocity = speed[:, None] * np.column_stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch)])
+    velocity = speed[:, None] * np.column_stack(
+        [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch)]
+    )
     attitude = np.column_stack([np.zeros_like(pitch), pitch, yaw])
-    return Motion(time_s, velocity, _positions(rng, velocity), attitude, *_inertial(velocity, attitude))
+    return Motion(
+        time_s, velocity, _positions(rng, velocity), attitude, *_inertial(velocity, attitude)
+    )
 
 
 def _speed_and_curvature(rng: np.random.Generator, time_s: Floats) -> tuple[Floats, Floats]:
@@ -58,11 +65,15 @@ def _speed_and_curvature(rng: np.random.Generator, time_s: Floats) -> tuple[Floa
         pace = 0.0 if stop else rng.uniform(7, 18)
         knots += [now + ramp, now + ramp + stay]
         speeds += [pace, pace]
-        turns.append((now + rng.uniform(0.2, 0.8) * ramp, rng.choice([-1, 1]) * rng.uniform(0.01, 0.06)))
+        turns.append(
+            (now + rng.uniform(0.2, 0.8) * ramp, rng.choice([-1, 1]) * rng.uniform(0.01, 0.06))
+        )
         now += ramp + stay
         stop = not stop
     speed = _smooth(np.interp(time_s, knots, speeds), 1.5)
-    throttle = np.sin(2 * np.pi * time_s[:, None] / rng.uniform(3, 9, 3) + rng.uniform(0, 2 * np.pi, 3))
+    throttle = np.sin(
+        2 * np.pi * time_s[:, None] / rng.uniform(3, 9, 3) + rng.uniform(0, 2 * np.pi, 3)
+    )
     speed = speed * (1 + throttle @ rng.uniform(0.005, 0.02, 3))
     curvature: Floats = np.zeros_like(time_s)
     for centre, strength in turns:
@@ -87,9 +98,22 @@ def _positions(rng: np.random.Generator, velocity: Floats) -> Floats:
     from pymap3d.rcurve import meridian, transverse
 
     north, east, down = _integrate(velocity).T
-    latitude0, longitude0, height0 = np.radians(rng.uniform(35, 55)), np.radians(rng.uniform(-120, 20)), rng.uniform(50, 500)
-    north_m, east_m = meridian(latitude0, deg=False) + height0, (transverse(latitude0, deg=False) + height0) * np.cos(latitude0)
-    return np.column_stack([np.degrees(latitude0 + north / north_m), np.degrees(longitude0 + east / east_m), height0 - down])
+    latitude0, longitude0, height0 = (
+        np.radians(rng.uniform(35, 55)),
+        np.radians(rng.uniform(-120, 20)),
+        rng.uniform(50, 500),
+    )
+    north_m, east_m = (
+        meridian(latitude0, deg=False) + height0,
+        (transverse(latitude0, deg=False) + height0) * np.cos(latitude0),
+    )
+    return np.column_stack(
+        [
+            np.degrees(latitude0 + north / north_m),
+            np.degrees(longitude0 + east / east_m),
+            height0 - down,
+        ]
+    )
 
 
 def _inertial(velocity: Floats, attitude: Floats) -> tuple[Floats, Floats]:
@@ -98,12 +122,16 @@ def _inertial(velocity: Floats, attitude: Floats) -> tuple[Floats, Floats]:
     force_ned = np.diff(velocity, axis=0) / STEP_S - [0.0, 0.0, GRAVITY_MPS2]
     force = np.einsum("nij,nj->ni", body_from_ned(middle), force_ned)
     pitch = middle[:, 1]
-    angular = np.column_stack([-rates[:, 2] * np.sin(pitch), rates[:, 1], rates[:, 2] * np.cos(pitch)])
+    angular = np.column_stack(
+        [-rates[:, 2] * np.sin(pitch), rates[:, 1], rates[:, 2] * np.cos(pitch)]
+    )
     return np.vstack([force[:1], force]), np.vstack([angular[:1], angular])
 
 
 def body_from_ned(attitude_rad: Floats) -> Floats:
-    """Rotation from NED to forward-right-down for roll, pitch, yaw ``(n, 3)``; shape ``(n, 3, 3)``."""
+    """Rotation from NED to forward-right-down for roll, pitch, yaw ``(n, 3)``; shape ``(n, 3,
+    3)``.
+    """
     (sr, sp, sy), (cr, cp, cy) = np.sin(attitude_rad).T, np.cos(attitude_rad).T
     rows = [
         [cp * cy, cp * sy, -sp],

@@ -60,7 +60,9 @@ def examples() -> tuple[Example, ...]:
     return (
         Example("a drive at 1 Hz under attack", spoofed_drive(1, 240.0)),
         Example("a drive at 10 Hz with second sources", drive(2, 60.0, 10.0, second_sources=True)),
-        Example("a drive whose receiver gives no velocity at first", _late_velocity(drive(3, 90.0, 2.0))),
+        Example(
+            "a drive whose receiver gives no velocity at first", _late_velocity(drive(3, 90.0, 2.0))
+        ),
     )
 
 
@@ -68,12 +70,22 @@ def _late_velocity(recording: Recording) -> Recording:
     table = recording["/gnss0/gnss/pvt"]
     late = np.arange(len(table)) >= len(table) // 2
     names = ("vel_n_mps", "vel_e_mps", "vel_d_mps")
-    return recording.replace({"/gnss0/gnss/pvt": table.replace(**{name: np.where(late, table[name], np.nan) for name in names})})
+    return recording.replace(
+        {
+            "/gnss0/gnss/pvt": table.replace(
+                **{name: np.where(late, table[name], np.nan) for name in names}
+            )
+        }
+    )
 
 
 def private(recording: Recording) -> Recording:
-    """Return a recording of tables of its own over the same columns, so that nobody else sees what is done to them."""
-    return Recording({topic: table.take(slice(None)) for topic, table in recording.items()}, recording.metadata)
+    """Return a recording of tables of its own over the same columns, so that nobody else sees what
+    is done to them.
+    """
+    return Recording(
+        {topic: table.take(slice(None)) for topic, table in recording.items()}, recording.metadata
+    )
 
 
 def decide(detector: Detector, recording: Recording) -> Decisions:
@@ -84,7 +96,9 @@ def decide(detector: Detector, recording: Recording) -> Decisions:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Let a detector's warnings pass, whatever the caller makes of warnings: they are the author's own matter."""
+    """Let a detector's warnings pass, whatever the caller makes of warnings: they are the author's
+    own matter.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
@@ -103,15 +117,21 @@ def decide_if_possible(detector: Detector, recording: Recording) -> Decisions | 
         return None
 
 
-def difference(left: Decisions | None, right: Decisions | None, until_ns: int | None = None) -> str | None:
+def difference(
+    left: Decisions | None, right: Decisions | None, until_ns: int | None = None
+) -> str | None:
     """Say how two decisions differ at or before a time, None where they agree.
 
-    Scores agree to 1e-9 relative; alerts are equal unless a score lies within that of 1. A refusal agrees with
-    decisions of which none is available.
+    Scores agree to 1e-9 relative; alerts are equal unless a score lies within that of 1. A refusal
+    agrees with decisions of which none is available.
     """
     if left is None or right is None:
         known = left or right
-        count = 0 if known is None else int(np.count_nonzero(known.available & _within(known, until_ns)))
+        count = (
+            0
+            if known is None
+            else int(np.count_nonzero(known.available & _within(known, until_ns)))
+        )
         return f"{count} available decisions against a refusal" if count else None
     a, b = _within(left, until_ns), _within(right, until_ns)
     if not np.array_equal(left.time_ns[a], right.time_ns[b]):
@@ -129,4 +149,6 @@ def difference(left: Decisions | None, right: Decisions | None, until_ns: int | 
 
 
 def _within(decisions: Decisions, until_ns: int | None) -> Any:
-    return np.ones(decisions.time_ns.size, bool) if until_ns is None else decisions.time_ns <= until_ns
+    return (
+        np.ones(decisions.time_ns.size, bool) if until_ns is None else decisions.time_ns <= until_ns
+    )

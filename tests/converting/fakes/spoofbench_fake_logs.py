@@ -1,4 +1,6 @@
-"""A converter of logs that start with ``steps``: each further letter is a row, ``!`` none, and some do harm."""
+"""A converter of logs that start with ``steps``: each further letter is a row, ``!`` none, and some
+do harm.
+"""
 
 import os
 import signal

@@ -55,7 +55,11 @@ class Opportunist(Steady):
 
     def detect(self, recording: Recording) -> Decisions:
         pvt = recording.primary(PVT)
-        return Decisions(pvt.time_ns, np.full(len(pvt), 0.0 if recording.topics("gnss/signal") else 2.0), np.ones(len(pvt), bool))
+        return Decisions(
+            pvt.time_ns,
+            np.full(len(pvt), 0.0 if recording.topics("gnss/signal") else 2.0),
+            np.ones(len(pvt), bool),
+        )
 
 
 @dataclass(frozen=True)
@@ -203,15 +207,30 @@ class Demanding(Steady):
 
 @dataclass(frozen=True)
 class Spy(Steady):
-    """Looks for words in all that its process holds; they are given backwards, so that giving them does not put them there."""
+    """Looks for words in all that its process holds; they are given backwards, so that giving them
+    does not put them there.
+    """
 
     words_backwards: tuple[str, ...] = ()
 
     def detect(self, recording: Recording) -> Decisions:
-        held = [repr(thing) for thing in (sys.argv, dict(os.environ), [*Path.cwd().iterdir()], Path.cwd())]
-        held += [item for thing in gc.get_objects() if type(thing) in (list, tuple, dict) for item in _texts(thing)]
-        held += [Path("/proc/self", name).read_text(errors="replace") for name in ("environ", "cmdline")]
-        for where, blocks in (("objects", (text.encode(errors="replace") for text in held)), ("memory", _memory())):
+        held = [
+            repr(thing)
+            for thing in (sys.argv, dict(os.environ), [*Path.cwd().iterdir()], Path.cwd())
+        ]
+        held += [
+            item
+            for thing in gc.get_objects()
+            if type(thing) in (list, tuple, dict)
+            for item in _texts(thing)
+        ]
+        held += [
+            Path("/proc/self", name).read_text(errors="replace") for name in ("environ", "cmdline")
+        ]
+        for where, blocks in (
+            ("objects", (text.encode(errors="replace") for text in held)),
+            ("memory", _memory()),
+        ):
             for block in blocks:
                 backwards = block[::-1]
                 for number, word in enumerate(self.words_backwards):
@@ -221,7 +240,11 @@ class Spy(Steady):
 
 
 def _texts(thing: Any) -> list[str]:
-    return [item for item in (thing.values() if isinstance(thing, dict) else thing) if isinstance(item, str)]
+    return [
+        item
+        for item in (thing.values() if isinstance(thing, dict) else thing)
+        if isinstance(item, str)
+    ]
 
 
 def _memory() -> Any:
@@ -249,10 +272,18 @@ class Nudge:
     def strength(self) -> float:
         return self.shift_deg
 
-    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
+    def apply(
+        self,
+        clean: Recording,
+        window: Interval,
+        rng: np.random.Generator,
+        donors: Sequence[Recording] = (),
+    ) -> Recording:
         topic = clean.topics(PVT)[0]
         table = clean[topic]
-        lat_deg = np.where(window.covers(table.time_ns), table["lat_deg"] + self.shift_deg, table["lat_deg"])
+        lat_deg = np.where(
+            window.covers(table.time_ns), table["lat_deg"] + self.shift_deg, table["lat_deg"]
+        )
         return clean.replace({topic: table.replace(lat_deg=lat_deg)})
 
 
@@ -260,7 +291,13 @@ class Nudge:
 class Stumbles(Nudge):
     """Raises."""
 
-    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
+    def apply(
+        self,
+        clean: Recording,
+        window: Interval,
+        rng: np.random.Generator,
+        donors: Sequence[Recording] = (),
+    ) -> Recording:
         raise ValueError("stumbled")
 
 
@@ -268,7 +305,13 @@ class Stumbles(Nudge):
 class KillsItself(Nudge):
     """Ends its process."""
 
-    def apply(self, clean: Recording, window: Interval, rng: np.random.Generator, donors: Sequence[Recording] = ()) -> Recording:
+    def apply(
+        self,
+        clean: Recording,
+        window: Interval,
+        rng: np.random.Generator,
+        donors: Sequence[Recording] = (),
+    ) -> Recording:
         os._exit(4)
 
 

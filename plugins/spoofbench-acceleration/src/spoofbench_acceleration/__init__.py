@@ -1,4 +1,6 @@
-"""GNSS spoofing detection by comparing the acceleration of GNSS with an accelerometer (Lo et al., ION Pacific PNT 2017)."""
+"""GNSS spoofing detection by comparing the acceleration of GNSS with an accelerometer (Lo et al.,
+ION Pacific PNT 2017).
+"""
 
 from spoofbench_acceleration.monitor import AccelerationMonitor, Comparison
 

@@ -1,8 +1,9 @@
 """Simulated approaches that stand in for the flights of Lo et al. (2017), which are not public.
 
-Vertical acceleration is an Ornstein-Uhlenbeck process. A receiver turns it into positions at 10 Hz, a phone samples it at
-8 Hz, and a slow mismatch between the two (attitude) fills up what Table 1 prints for the difference. Arrays have the shape
-``(epochs, runs)``; everything is averaged over 5 s as the paper's curves are, with the span form.
+Vertical acceleration is an Ornstein-Uhlenbeck process. A receiver turns it into positions at 10 Hz,
+a phone samples it at 8 Hz, and a slow mismatch between the two (attitude) fills up what Table 1
+prints for the difference. Arrays have the shape ``(epochs, runs)``; everything is averaged over 5 s
+as the paper's curves are, with the span form.
 """
 
 from collections.abc import Sequence
@@ -60,9 +61,8 @@ APPROACHES = (
 class Choices:
     """What the paper leaves open.
 
-    Attributes:
-        gust_s: correlation time of the motion; its 5 s average decorrelates within the 2.5 to 3.1 s of Table 1.
-        mismatch_s: correlation time of the mismatch, slow against the average.
+    Attributes: gust_s: correlation time of the motion; its 5 s average decorrelates within the 2.5
+        to 3.1 s of Table 1. mismatch_s: correlation time of the mismatch, slow against the average.
         smoothing_s: trailing mean of the spoofer who extrapolates and smooths.
     """
 
@@ -96,7 +96,11 @@ def fly(approach: Approach, seeds: Sequence[int], choices: Choices = CHOSEN) -> 
     start, epochs = round(WARM_UP_S * RATE_HZ), round((WARM_UP_S + approach.duration_s) * RATE_HZ)
     rngs = [np.random.default_rng([seed, approach.number]) for seed in seeds]
     fine = epochs * _FINE_HZ // RATE_HZ
-    gust = level_mps2(approach) / _averaged_share(choices.gust_s) * ornstein_uhlenbeck(_noise(rngs, fine), choices.gust_s * _FINE_HZ)
+    gust = (
+        level_mps2(approach)
+        / _averaged_share(choices.gust_s)
+        * ornstein_uhlenbeck(_noise(rngs, fine), choices.gust_s * _FINE_HZ)
+    )
     raw, lost = _receiver(gust, _noise(rngs, epochs), approach.dropout_s)
     samples = gust[:: _FINE_HZ // PHONE_HZ]
     samples = samples + PHONE_STATIC_MPS2 * _noise(rngs, len(samples))
@@ -105,7 +109,12 @@ def fly(approach: Approach, seeds: Sequence[int], choices: Choices = CHOSEN) -> 
     residual = felt - averaged(clean, RATE_HZ)
     mismatch = ornstein_uhlenbeck(_noise(rngs, epochs), choices.mismatch_s * RATE_HZ)
     phone = felt + approach.mean_mps2 + _filling(mismatch, residual, start, approach.std_mps2)
-    return Flights(start, phone, averaged(raw, RATE_HZ), averaged(np.where(lost[:, None], np.nan, raw), RATE_HZ))
+    return Flights(
+        start,
+        phone,
+        averaged(raw, RATE_HZ),
+        averaged(np.where(lost[:, None], np.nan, raw), RATE_HZ),
+    )
 
 
 def stand_still(seconds: float, seed: int) -> tuple[Floats, Floats]:
@@ -120,19 +129,26 @@ def stand_still(seconds: float, seed: int) -> tuple[Floats, Floats]:
 def level_mps2(approach: Approach) -> float:
     """Return the standard deviation of the averaged motion that gives the printed correlation.
 
-    With motion s, receiver noise e and mismatch m, of variances S, E and M and E + M printed, the correlation c obeys
-    c^2 (S + E) (S + M) = S^2. Approaches without one fly through the mean level of the others.
+    With motion s, receiver noise e and mismatch m, of variances S, E and M and E + M printed, the
+    correlation c obeys c^2 (S + E) (S + M) = S^2. Approaches without one fly through the mean level
+    of the others.
     """
     if approach.correlation is None:
         levels = [level_mps2(other) for other in APPROACHES if other.correlation is not None]
         return sum(levels) / len(levels)
     c2, both, noise = approach.correlation**2, approach.std_mps2**2, GNSS_AVERAGED_MPS2**2
     product = noise * (both - noise)
-    return float(np.sqrt((c2 * both + np.sqrt((c2 * both) ** 2 + 4 * (1 - c2) * c2 * product)) / (2 * (1 - c2))))
+    return float(
+        np.sqrt(
+            (c2 * both + np.sqrt((c2 * both) ** 2 + 4 * (1 - c2) * c2 * product)) / (2 * (1 - c2))
+        )
+    )
 
 
 def ornstein_uhlenbeck(noise: Floats, correlation_steps: float) -> Floats:
-    """Turn white noise of unit variance, ``(n, runs)``, into a stationary process of unit variance."""
+    """Turn white noise of unit variance, ``(n, runs)``, into a stationary process of unit
+    variance.
+    """
     decay = np.exp(-1 / correlation_steps)
     values: Floats = noise * np.sqrt(1 - decay**2)
     values[0] = noise[0]
@@ -144,7 +160,8 @@ def ornstein_uhlenbeck(noise: Floats, correlation_steps: float) -> Floats:
 def averaged(values: Floats, rate_hz: float, averaging: Averaging = "span") -> Floats:
     """Exponential average over 5 s of each run, ``(n, runs)``, whose first row is known.
 
-    A NaN stays NaN and holds the state, which the next value then enters with the weight of the time since the last one.
+    A NaN stays NaN and holds the state, which the next value then enters with the weight of the
+    time since the last one.
     """
     result, state, steps = np.empty_like(values), values[0].copy(), np.ones(values.shape[1])
     for row, value in enumerate(values):
@@ -162,13 +179,19 @@ def _noise(rngs: Sequence[np.random.Generator], rows: int) -> Floats:
 
 
 def _averaged_share(gust_s: float) -> float:
-    """Deviation of the averaged unit process over that of the process itself, by the AR(1) covariance at 10 Hz."""
+    """Deviation of the averaged unit process over that of the process itself, by the AR(1)
+    covariance at 10 Hz.
+    """
     keep, decay = 1 - 2 / (AVERAGING_S * RATE_HZ + 1), np.exp(-1 / (gust_s * RATE_HZ))
     return float(np.sqrt((1 - keep) / (1 + keep) * (1 + keep * decay) / (1 - keep * decay)))
 
 
-def _receiver(gust: Floats, noise: Floats | None, dropout_s: float | None) -> tuple[Floats, NDArray[np.bool_]]:
-    """Second difference of noisy positions, and the rows that rest on a lost epoch, whose position repeats the one before."""
+def _receiver(
+    gust: Floats, noise: Floats | None, dropout_s: float | None
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Second difference of noisy positions, and the rows that rest on a lost epoch, whose position
+    repeats the one before.
+    """
     step_s = 1 / _FINE_HZ
     velocity = np.cumsum(gust, axis=0) * step_s - _DESCENT_MPS
     position = (np.cumsum(velocity, axis=0) * step_s)[:: _FINE_HZ // RATE_HZ]
@@ -184,7 +207,9 @@ def _receiver(gust: Floats, noise: Floats | None, dropout_s: float | None) -> tu
 
 
 def _filling(mismatch: Floats, residual: Floats, start: int, std_mps2: float) -> Floats:
-    """Scale each run's mismatch so that with the residual and the receiver's noise the difference has the printed deviation."""
+    """Scale each run's mismatch so that with the residual and the receiver's noise the difference
+    has the printed deviation.
+    """
     left = std_mps2**2 - GNSS_AVERAGED_MPS2**2 - residual[start:].var(axis=0)
     shape = mismatch - mismatch[start:].mean(axis=0)
     filling: Floats = shape * np.sqrt(np.maximum(left, 0)) / shape[start:].std(axis=0)

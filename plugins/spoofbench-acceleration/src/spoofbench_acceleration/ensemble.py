@@ -1,7 +1,7 @@
 """The spoofers and monitors of Lo et al. (2017) Table 2, over many runs at once.
 
-Arrays have the shape ``(epochs, runs)`` at 10 Hz; NaN is unavailable. The monitors give the alerts of
-:class:`spoofbench_acceleration.AccelerationMonitor`, which a test holds them to.
+Arrays have the shape ``(epochs, runs)`` at 10 Hz; NaN is unavailable. The monitors give the alerts
+of :class:`spoofbench_acceleration.AccelerationMonitor`, which a test holds them to.
 """
 
 from dataclasses import dataclass
@@ -20,11 +20,15 @@ Spoofer = Literal["nominal", "zero", "repeat", "extrapolate", "extrapolate & smo
 PAPER = AccelerationMonitor()
 
 
-def spoofed(gnss_mps2: Floats, spoofer: Spoofer, delay_s: float, smoothing_s: float = CHOSEN.smoothing_s) -> Floats:
-    """Return the averaged acceleration that a spoofer shows who knows the true one ``delay_s`` late.
+def spoofed(
+    gnss_mps2: Floats, spoofer: Spoofer, delay_s: float, smoothing_s: float = CHOSEN.smoothing_s
+) -> Floats:
+    """Return the averaged acceleration that a spoofer shows who knows the true one ``delay_s``
+    late.
 
-    ``extrapolate`` follows the slope over one epoch of what it knows, linearly over the delay; ``extrapolate & smooth``
-    is the trailing mean of that. Neither is spelled out in the paper. The first rows repeat the first one known.
+    ``extrapolate`` follows the slope over one epoch of what it knows, linearly over the delay;
+    ``extrapolate & smooth`` is the trailing mean of that. Neither is spelled out in the paper. The
+    first rows repeat the first one known.
     """
     if spoofer == "nominal":
         return gnss_mps2
@@ -35,12 +39,16 @@ def spoofed(gnss_mps2: Floats, spoofer: Spoofer, delay_s: float, smoothing_s: fl
     if spoofer == "repeat":
         return known
     ahead = known + steps * (known - _delayed(known, 1))
-    return ahead if spoofer == "extrapolate" else _trailing_mean(ahead, round(smoothing_s * RATE_HZ))
+    return (
+        ahead if spoofer == "extrapolate" else _trailing_mean(ahead, round(smoothing_s * RATE_HZ))
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Flags:
-    """Which epochs each test flags, ``(epochs, runs)``, the first row being the start of evaluation."""
+    """Which epochs each test flags, ``(epochs, runs)``, the first row being the start of
+    evaluation.
+    """
 
     mean_difference: Bools
     chi_square: Bools
@@ -62,14 +70,21 @@ class Flags:
 def flags(difference_mps2: Floats, start: int, stride: int) -> Flags:
     """Test the averaged difference from row ``start`` on; the samples reach back before it."""
     reach = (PAPER.samples - 1) * stride
-    samples = np.stack([difference_mps2[start - lag : len(difference_mps2) - lag] for lag in range(0, reach + 1, stride)])
+    samples = np.stack(
+        [
+            difference_mps2[start - lag : len(difference_mps2) - lag]
+            for lag in range(0, reach + 1, stride)
+        ]
+    )
     z = mean_difference(samples.mean(axis=0), PAPER.bias_mps2, PAPER.sigma_mps2)
     chi2 = chi_square(samples.var(axis=0, ddof=1), PAPER.samples, PAPER.sigma_mps2)
     return Flags(z > PAPER.z_threshold, chi2 > PAPER.chi2_threshold)
 
 
 def percentage(alerts: Bools) -> Floats:
-    """Share of the epochs with an alert, in percent; an unavailable epoch counts as missed; ``(runs,)``."""
+    """Share of the epochs with an alert, in percent; an unavailable epoch counts as missed;
+    ``(runs,)``.
+    """
     share: Floats = alerts.mean(axis=0)
     return 100 * share
 

@@ -1,4 +1,6 @@
-"""How much Table 2 of Lo et al. (2017) depends on what the paper leaves open and Table 1 does not settle."""
+"""How much Table 2 of Lo et al. (2017) depends on what the paper leaves open and Table 1 does not
+settle.
+"""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -6,7 +8,11 @@ from typing import Any
 from spoofbench.reproducing import Cell
 from spoofbench_acceleration.approach import APPROACHES, Choices, fly
 from spoofbench_acceleration.lo_cells import JUDGED, JUDGED_STRIDE, by_key
-from spoofbench_acceleration.lo_checks import WANTED_POINTS, mean_absolute_difference, simulated_checks
+from spoofbench_acceleration.lo_checks import (
+    WANTED_POINTS,
+    mean_absolute_difference,
+    simulated_checks,
+)
 from spoofbench_acceleration.lo_tables import outcomes
 
 VARIED = {
@@ -21,8 +27,12 @@ VARIED = {
 }
 
 
-def sensitivity(names: Sequence[str], seeds: Sequence[int], done: Callable[[float], None]) -> list[dict[str, Any]]:
-    """Return a row per choice: the mean absolute difference in points, repeat 0.5 s by approach, and the checks that fail."""
+def sensitivity(
+    names: Sequence[str], seeds: Sequence[int], done: Callable[[float], None]
+) -> list[dict[str, Any]]:
+    """Return a row per choice: the mean absolute difference in points, repeat 0.5 s by approach,
+    and the checks that fail.
+    """
     rows = []
     for place, name in enumerate(names):
         choices = VARIED[name]
@@ -31,7 +41,10 @@ def sensitivity(names: Sequence[str], seeds: Sequence[int], done: Callable[[floa
             for approach in APPROACHES
             for outcome in outcomes(approach, fly(approach, seeds, choices), (JUDGED_STRIDE,), choices.smoothing_s)
         ])  # fmt: skip
-        repeat = [found["repeat 0.5 s", approach.number, "multi", JUDGED].median_pct for approach in APPROACHES]
+        repeat = [
+            found["repeat 0.5 s", approach.number, "multi", JUDGED].median_pct
+            for approach in APPROACHES
+        ]
         rows.append({
             "choice": name,
             "difference_points": mean_absolute_difference(found, JUDGED),
@@ -47,8 +60,14 @@ def sensitivity_cell(rows: Sequence[dict[str, Any]]) -> Cell:
     points = [row["difference_points"] for row in rows]
     kept = [row["choice"] for row in rows if not row["failing"]]
     return Cell(
-        f"Table 2 as a whole, mean absolute difference over choices of what the paper leaves open, {JUDGED}, points",
+        (
+            "Table 2 as a whole, mean absolute difference over choices of what the paper leaves "
+            f"open, {JUDGED}, points"
+        ),
         None, points[0], min(points), max(points),
         "not reproduced" if max(points) > WANTED_POINTS else "matches after calibration",
-        f"{len(rows)} choices; wanted: at most {WANTED_POINTS:g}; all checks hold for: {', '.join(kept) or 'none'}; none was chosen by it",
+        (
+            f"{len(rows)} choices; wanted: at most {WANTED_POINTS:g}; all checks hold for: "
+            f"{', '.join(kept) or 'none'}; none was chosen by it"
+        ),
     )  # fmt: skip

@@ -1,4 +1,6 @@
-"""Lo et al. (2017) Table 2 as printed: percentages of the approach and times to first detection, None for N/A."""
+"""Lo et al. (2017) Table 2 as printed: percentages of the approach and times to first detection,
+None for N/A.
+"""
 
 from dataclasses import dataclass
 
@@ -10,7 +12,9 @@ Four = tuple[float | None, float | None, float | None, float | None]
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A row of Table 2: the spoofer, how late it knows, and by monitor what is printed for approaches 1 to 4."""
+    """A row of Table 2: the spoofer, how late it knows, and by monitor what is printed for
+    approaches 1 to 4.
+    """
 
     name: str
     spoofer: Spoofer

@@ -1,4 +1,6 @@
-"""Lo et al.'s monitor on real logs: a car's drive and two model aircraft, clean and under simulated replay."""
+"""Lo et al.'s monitor on real logs: a car's drive and two model aircraft, clean and under simulated
+replay.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -70,13 +72,18 @@ def logs(data: Path | None, with_drive: bool) -> tuple[list[Log], list[str]]:
 
 
 def rows(log: Log) -> Iterator[dict[str, Any]]:
-    """Yield per monitor: correlations, difference, alerts of the clean log, and detection under two attacks in percent of their epochs."""
+    """Yield per monitor: correlations, difference, alerts of the clean log, and detection under two
+    attacks in percent of their epochs.
+    """
     for name, monitor in log.monitors.items():
         compared = monitor.compare(log.recording)
         both = ~np.isnan(compared.sensed_mps2 + compared.expected_mps2)
         time_s = (compared.time_ns[both] - compared.time_ns[0]) * 1e-9
         raw = [compared.sensed_mps2[both], compared.expected_mps2[both]]
-        averages = [exponential_average(time_s, values, monitor.averaging_s, monitor.averaging)[0] for values in raw]
+        averages = [
+            exponential_average(time_s, values, monitor.averaging_s, monitor.averaging)[0]
+            for values in raw
+        ]
         difference = averages[0] - averages[1]
         yield {
             "recording": log.name,
@@ -100,20 +107,48 @@ def cells(table: Sequence[Mapping[str, Any]]) -> Iterator[Cell]:
         ("a car's along-track axis without pitch", "drive", "along_track", -1.0, 0.90),
         ("a car's along-track axis with pitch, Eq (2)", "drive", "along_track, pitch", 0.98, 1.0),
         ("a car's vertical axis", "drive", "vertical", -1.0, 0.75),
-        ("Fig 5 in kind: turning aircraft, vertical, no roll, averaged", "ArduPlane", "vertical", -1.0, 0.75),
-        ("Fig 6 in kind: turning aircraft, vertical, roll, averaged", "ArduPlane", "vertical, roll", 0.95, 1.0),
-        ("Fig 5 in kind: turning aircraft, vertical, no roll, averaged", "PX4", "vertical", -1.0, 0.75),
-        ("Fig 6 in kind: turning aircraft, vertical, roll, averaged", "PX4", "vertical, roll", 0.95, 1.0),
+        (
+            "Fig 5 in kind: turning aircraft, vertical, no roll, averaged",
+            "ArduPlane",
+            "vertical",
+            -1.0,
+            0.75,
+        ),
+        (
+            "Fig 6 in kind: turning aircraft, vertical, roll, averaged",
+            "ArduPlane",
+            "vertical, roll",
+            0.95,
+            1.0,
+        ),
+        (
+            "Fig 5 in kind: turning aircraft, vertical, no roll, averaged",
+            "PX4",
+            "vertical",
+            -1.0,
+            0.75,
+        ),
+        (
+            "Fig 6 in kind: turning aircraft, vertical, roll, averaged",
+            "PX4",
+            "vertical, roll",
+            0.95,
+            1.0,
+        ),
     ):
         bound = f"at least {low}" if high == 1 else f"at most {high}"
         for row in table:
             if (row["recording"], row["monitor"]) == (recording, name):
                 ours = row["correlation" if recording == "drive" else "correlation_averaged"]
-                clean, repeated, replayed = (shown(row[key]) for key in ("false_alert_pct", "repeat_back_2s_pct", "replay_pct"))
+                clean, repeated, replayed = (
+                    shown(row[key])
+                    for key in ("false_alert_pct", "repeat_back_2s_pct", "replay_pct")
+                )
                 yield Cell(
                     f"{item}: correlation ({recording})", None, ours, None, None,
                     "trend only" if low <= ours <= high else "not reproduced",
-                    f"{bound} is wanted; alerts in {clean} % of the clean epochs, {repeated} % under repeat-back by 2 s, "
+                    f"{bound} is wanted; alerts in {clean} % of the clean epochs, {repeated} % "
+                    "under repeat-back by 2 s, "
                     f"{replayed} % under replay by {row['replay_s']:g} s",
                 )  # fmt: skip
 
@@ -121,7 +156,11 @@ def cells(table: Sequence[Mapping[str, Any]]) -> Iterator[Cell]:
 def _drive(folder: Path) -> Log:
     file = folder / "drive.mcap"
     convert(drive_bag(), file)
-    monitors = {"along_track": _CAR, "along_track, pitch": replace(_CAR, pitch=True), "vertical": replace(_CAR, axis="vertical")}
+    monitors = {
+        "along_track": _CAR,
+        "along_track, pitch": replace(_CAR, pitch=True),
+        "vertical": replace(_CAR, axis="vertical"),
+    }
     return Log("drive", read(file), monitors, 300.0, 120.0)
 
 
@@ -143,11 +182,15 @@ def with_velocity(recording: Recording) -> Recording:
     if np.isfinite(pvt["vel_n_mps"]).any():
         return recording
     course, speed = np.radians(pvt["course_deg"]), pvt["speed_mps"]
-    return recording.replace({topic: pvt.replace(vel_n_mps=speed * np.cos(course), vel_e_mps=speed * np.sin(course))})
+    return recording.replace(
+        {topic: pvt.replace(vel_n_mps=speed * np.cos(course), vel_e_mps=speed * np.sin(course))}
+    )
 
 
 def _detected(log: Log, monitor: AccelerationMonitor, name: str, attack: Attack) -> float | None:
-    """Alerted share of the attacked epochs of windows drawn by seed, percent; None where the attack fits nowhere."""
+    """Alerted share of the attacked epochs of windows drawn by seed, percent; None where the attack
+    fits nowhere.
+    """
     alerted, attacked = 0, 0
     for seed in range(_WINDOWS):
         try:
@@ -157,6 +200,11 @@ def _detected(log: Log, monitor: AccelerationMonitor, name: str, attack: Attack)
             continue
         truth = variant["/truth/attack"]
         decisions = detect(monitor, variant)
-        inside = Interval(int(truth["start_ns"][0]), int(truth["end_ns"][0])).covers(decisions.time_ns)
-        alerted, attacked = alerted + int(decisions.alert[inside].sum()), attacked + int(inside.sum())
+        inside = Interval(int(truth["start_ns"][0]), int(truth["end_ns"][0])).covers(
+            decisions.time_ns
+        )
+        alerted, attacked = (
+            alerted + int(decisions.alert[inside].sum()),
+            attacked + int(inside.sum()),
+        )
     return 100 * alerted / attacked if attacked else None

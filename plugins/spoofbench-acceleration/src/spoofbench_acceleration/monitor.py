@@ -1,6 +1,8 @@
-"""The detector: acceleration of GNSS against that of an accelerometer, and an executive monitor over two tests.
+"""The detector: acceleration of GNSS against that of an accelerometer, and an executive monitor
+over two tests.
 
-Lo, Chen, Reid, Perkins, Walter, Enge: The Benefit of Low Cost Accelerometers for GNSS Anti-Spoofing, ION Pacific PNT 2017.
+Lo, Chen, Reid, Perkins, Walter, Enge: The Benefit of Low Cost Accelerometers for GNSS
+Anti-Spoofing, ION Pacific PNT 2017.
 """
 
 from dataclasses import dataclass
@@ -52,35 +54,34 @@ class Comparison:
 
 @dataclass(frozen=True)
 class AccelerationMonitor:
-    """Mean-difference and chi-square test of the acceleration difference under an executive monitor.
+    """Mean-difference and chi-square test of the acceleration difference under an executive
+    monitor.
 
-    The defaults are the paper's. It compares the vertical axis of an aircraft on approach; a ground vehicle needs
-    ``axis="along_track"`` with ``pitch=True``.
+    The defaults are the paper's. It compares the vertical axis of an aircraft on approach; a ground
+    vehicle needs ``axis="along_track"`` with ``pitch=True``.
 
-    Attributes:
-        executive: ``simple``: both tests must flag; ``multi``: or the chi-square test alone, more often.
-        axis: ``vertical`` or ``along_track``.
-        pitch: compensate pitch by the direction of the velocity, Eq (2).
-        roll: compensate roll as in a coordinated turn, Eq (3).
+    Attributes: executive: ``simple``: both tests must flag; ``multi``: or the chi-square test
+        alone, more often. axis: ``vertical`` or ``along_track``. pitch: compensate pitch by the
+        direction of the velocity, Eq (2). roll: compensate roll as in a coordinated turn, Eq (3).
         acceleration_from: ``velocity`` (first difference) or ``position`` (second difference).
-        averaging: what ``averaging_s`` is: a ``span`` or a ``time_constant``; the paper does not say.
-        averaging_s: of the exponential average; it restarts after a longer gap, over which no acceleration is taken.
-        samples: n of Eq (6).
-        stride: every how many epochs a sample is taken; the paper does not say.
-        bias_mps2: b, the largest nominal bias, Eq (5).
-        sigma_mps2: standard deviation of the averaged difference, Eq (7).
-        z_threshold: of the mean-difference test, 1e-9 two-sided.
-        chi2_threshold: of the chi-square test, 1e-9 at 7 degrees of freedom.
-        window_s: observation window of the executive monitor.
-        flagged_share: more than this share of the window's epochs must be flagged by both tests.
-        flagged_share_alone: or more than this share by the chi-square test alone (``multi``).
-        lag_s: how late the receiver's epochs are against the IMU; the IMU is averaged over (t[n-1] - lag, t[n] - lag].
-        gate: leave out epochs whose fix type says that there is no fix.
-        slowest_mps: below this speed over ground pitch is held and roll is 0, below a quarter of it heading is held. The
+        averaging: what ``averaging_s`` is: a ``span`` or a ``time_constant``; the paper does not
+        say. averaging_s: of the exponential average; it restarts after a longer gap, over which no
+        acceleration is taken. samples: n of Eq (6). stride: every how many epochs a sample is
+        taken; the paper does not say. bias_mps2: b, the largest nominal bias, Eq (5). sigma_mps2:
+        standard deviation of the averaged difference, Eq (7). z_threshold: of the mean-difference
+        test, 1e-9 two-sided. chi2_threshold: of the chi-square test, 1e-9 at 7 degrees of freedom.
+        window_s: observation window of the executive monitor. flagged_share: more than this share
+        of the window's epochs must be flagged by both tests. flagged_share_alone: or more than this
+        share by the chi-square test alone (``multi``). lag_s: how late the receiver's epochs are
+        against the IMU; the IMU is averaged over (t[n-1] - lag, t[n] - lag]. gate: leave out epochs
+        whose fix type says that there is no fix. slowest_mps: below this speed over ground pitch is
+        held and roll is 0, below a quarter of it heading is held. The
             along-track axis is unavailable before the first motion.
-        mounting_pitch_deg: how much further than the vehicle's nose the IMU's forward axis points up.
+        mounting_pitch_deg: how much further than the vehicle's nose the IMU's forward axis points
+            up.
         gravity_mps2: g; a sensor's own reading at rest is better where it is known.
-        axes: what the IMU's x, y, z point to, such as ``frd``; empty: as the recording says, else ``frd``.
+        axes: what the IMU's x, y, z point to, such as ``frd``; empty: as the recording says, else
+            ``frd``.
     """
 
     executive: Executive = "multi"
@@ -110,20 +111,41 @@ class AccelerationMonitor:
     uses: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
-        for name, kind in (("executive", Executive), ("axis", Axis), ("acceleration_from", Origin), ("averaging", Averaging)):
+        for name, kind in (
+            ("executive", Executive),
+            ("axis", Axis),
+            ("acceleration_from", Origin),
+            ("averaging", Averaging),
+        ):
             if getattr(self, name) not in get_args(kind):
-                raise ValueError(f"{name} must be one of {get_args(kind)}, not {getattr(self, name)!r}")
-        for name in ("averaging_s", "sigma_mps2", "z_threshold", "chi2_threshold", "window_s", "gravity_mps2"):
+                raise ValueError(
+                    f"{name} must be one of {get_args(kind)}, not {getattr(self, name)!r}"
+                )
+        for name in (
+            "averaging_s",
+            "sigma_mps2",
+            "z_threshold",
+            "chi2_threshold",
+            "window_s",
+            "gravity_mps2",
+        ):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be above 0, not {getattr(self, name)!r}")
         if not (self.samples >= 2 and self.stride >= 1):
-            raise ValueError(f"samples must be at least 2 and stride at least 1, not {self.samples!r} and {self.stride!r}")
+            raise ValueError(
+                f"samples must be at least 2 and stride at least 1, not {self.samples!r} and "
+                f"{self.stride!r}"
+            )
         if not self.lag_s >= 0:
-            raise ValueError(f"lag_s must be at least 0, since the IMU's future is unknown, not {self.lag_s!r}")
+            raise ValueError(
+                f"lag_s must be at least 0, since the IMU's future is unknown, not {self.lag_s!r}"
+            )
 
     @property
     def memory_s(self) -> float:
-        """Lag, decay of the average to 1 %, samples at 1 Hz (the slowest receiver it is meant for), and window."""
+        """Lag, decay of the average to 1 %, samples at 1 Hz (the slowest receiver it is meant for),
+        and window.
+        """
         decay_s = np.log(100) * self.averaging_s / (2 if self.averaging == "span" else 1)
         return float(self.lag_s + decay_s + self.samples * self.stride + self.window_s)
 
@@ -145,7 +167,8 @@ class AccelerationMonitor:
         return Decisions(comparison.time_ns, score, ~np.isnan(mean))
 
     def compare(self, recording: Recording) -> Comparison:
-        """Return what the accelerometer felt and what GNSS lets expect, neither of them averaged over epochs.
+        """Return what the accelerometer felt and what GNSS lets expect, neither of them averaged
+        over epochs.
 
         Raises:
             RecordingError: a required kind is missing, or the IMU's axes are unknown.
@@ -170,7 +193,11 @@ class AccelerationMonitor:
         return roll, pitch + np.radians(self.mounting_pitch_deg), heading
 
     def _track(self, pvt: Table, time_s: Floats) -> Track:
-        names = ("vel_n_mps", "vel_e_mps", "vel_d_mps") if self.acceleration_from == "velocity" else ("lat_deg", "lon_deg", "height_m")
+        names = (
+            ("vel_n_mps", "vel_e_mps", "vel_d_mps")
+            if self.acceleration_from == "velocity"
+            else ("lat_deg", "lon_deg", "height_m")
+        )
         columns = [pvt[name] for name in names]
         if self.gate:
             refused = np.isin(pvt["fix_type"], _NO_FIX) & pvt.valid("fix_type")

@@ -15,19 +15,29 @@ Floats = NDArray[np.float64]
 
 _SEMI_MAJOR_M, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3  # WGS 84
 _IMU_SILENCE_S = 0.25
-_LETTERS = {"f": ("forward", 1), "b": ("forward", -1), "u": ("up", 1), "d": ("up", -1), "r": ("right", 1), "l": ("right", -1)}
+_LETTERS = {
+    "f": ("forward", 1),
+    "b": ("forward", -1),
+    "u": ("up", 1),
+    "d": ("up", -1),
+    "r": ("right", 1),
+    "l": ("right", -1),
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """What GNSS says of the motion over the interval that ends at each epoch, NED, ``(n, 3)``; NaN is unavailable."""
+    """What GNSS says of the motion over the interval that ends at each epoch, NED, ``(n, 3)``; NaN
+    is unavailable.
+    """
 
     velocity_mps: Floats
     acceleration_mps2: Floats
 
 
 def track_from_velocity(steps_s: Floats, velocity_mps: Floats) -> Track:
-    """First difference of the velocity; the first row is unavailable. The velocity is the mean of the two epochs'.
+    """First difference of the velocity; the first row is unavailable. The velocity is the mean of
+    the two epochs'.
 
     Args:
         steps_s: intervals between the epochs, ``(n - 1,)``; NaN where one is not to be bridged.
@@ -40,9 +50,11 @@ def track_from_velocity(steps_s: Floats, velocity_mps: Floats) -> Track:
 
 
 def track_from_position(steps_s: Floats, position_m: Floats) -> Track:
-    """Second difference of the position; the first two rows are unavailable. It lags by half an interval.
+    """Second difference of the position; the first two rows are unavailable. It lags by half an
+    interval.
 
-    Over uneven intervals it is twice the second divided difference. Arguments as in :func:`track_from_velocity`.
+    Over uneven intervals it is twice the second divided difference. Arguments as in
+    :func:`track_from_velocity`.
     """
     velocity, acceleration = np.full_like(position_m, np.nan), np.full_like(position_m, np.nan)
     velocity[1:] = np.diff(position_m, axis=0) / steps_s[:, None]
@@ -57,16 +69,22 @@ def local_position_m(lat_deg: Floats, lon_deg: Floats, height_m: Floats) -> Floa
         return np.full((lat_deg.size, 3), np.nan)
     lat0, lon0, height0 = (values[known[0]] for values in (lat_deg, lon_deg, height_m))
     w2 = 1 - _ECCENTRICITY2 * np.sin(np.radians(lat0)) ** 2
-    meridian, normal = _SEMI_MAJOR_M * (1 - _ECCENTRICITY2) / w2**1.5 + height0, _SEMI_MAJOR_M / w2**0.5 + height0
+    meridian, normal = (
+        _SEMI_MAJOR_M * (1 - _ECCENTRICITY2) / w2**1.5 + height0,
+        _SEMI_MAJOR_M / w2**0.5 + height0,
+    )
     east_deg = (lon_deg - lon0 + 180) % 360 - 180
     north = np.radians(lat_deg - lat0) * meridian
-    return np.column_stack([north, np.radians(east_deg) * normal * np.cos(np.radians(lat0)), height0 - height_m])
+    return np.column_stack(
+        [north, np.radians(east_deg) * normal * np.cos(np.radians(lat0)), height0 - height_m]
+    )
 
 
 def pitch_rad(velocity_mps: Floats, slowest_mps: float) -> Floats:
     """Pitch of a vehicle whose nose follows its velocity, Lo et al. (2017) Eq (2); ``(n,)``.
 
-    Below ``slowest_mps`` over ground the last pitch is held, since a vehicle keeps its slope when it stops; NaN before any.
+    Below ``slowest_mps`` over ground the last pitch is held, since a vehicle keeps its slope when
+    it stops; NaN before any.
     """
     ground = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1])
     return _held(np.arctan2(-velocity_mps[:, 2], ground), ground >= slowest_mps)
@@ -79,10 +97,11 @@ def heading_rad(velocity_mps: Floats, slowest_mps: float) -> Floats:
 
 
 def roll_rad(track: Track, gravity_mps2: float, slowest_mps: float) -> Floats:
-    """Roll of a coordinated turn, atan(v omega / g), positive to the right; NaN without acceleration; ``(n,)``.
+    """Roll of a coordinated turn, atan(v omega / g), positive to the right; NaN without
+    acceleration; ``(n,)``.
 
-    Lo et al. (2017) Eq (3) prints atan(v^2 / r), which lacks g. Eq (4) takes r from dN/dE and fails heading north: the
-    course rate omega = v / r serves instead, 0 below ``slowest_mps``.
+    Lo et al. (2017) Eq (3) prints atan(v^2 / r), which lacks g. Eq (4) takes r from dN/dE and fails
+    heading north: the course rate omega = v / r serves instead, 0 below ``slowest_mps``.
     """
     velocity, acceleration = track.velocity_mps, track.acceleration_mps2
     ground = np.hypot(velocity[:, 0], velocity[:, 1])
@@ -93,8 +112,11 @@ def roll_rad(track: Track, gravity_mps2: float, slowest_mps: float) -> Floats:
     return roll
 
 
-def specific_force(track: Track, attitude_rad: tuple[Floats, Floats, Floats], axis: str, gravity_mps2: float) -> Floats:
-    """Specific force that the axis of a body of this attitude should feel, Lo et al. (2017) Eq (1); m/s^2, ``(n,)``.
+def specific_force(
+    track: Track, attitude_rad: tuple[Floats, Floats, Floats], axis: str, gravity_mps2: float
+) -> Floats:
+    """Specific force that the axis of a body of this attitude should feel, Lo et al. (2017) Eq (1);
+    m/s^2, ``(n,)``.
 
     Args:
         track: what GNSS says.
@@ -104,19 +126,26 @@ def specific_force(track: Track, attitude_rad: tuple[Floats, Floats, Floats], ax
     """
     roll, pitch, heading = attitude_rad
     north, east, down = (track.acceleration_mps2 - [0.0, 0.0, gravity_mps2]).T
-    along, across = north * np.cos(heading) + east * np.sin(heading), east * np.cos(heading) - north * np.sin(heading)
+    along, across = (
+        north * np.cos(heading) + east * np.sin(heading),
+        east * np.cos(heading) - north * np.sin(heading),
+    )
     if axis == "forward":
         forward: Floats = along * np.cos(pitch) - down * np.sin(pitch)
         return forward
-    up: Floats = across * np.sin(roll) - np.cos(roll) * (along * np.sin(pitch) + down * np.cos(pitch))
+    up: Floats = across * np.sin(roll) - np.cos(roll) * (
+        along * np.sin(pitch) + down * np.cos(pitch)
+    )
     return up
 
 
 def sensed_force(imu: Table, axes: str, axis: str, edges_ns: NDArray[np.int64]) -> Floats:
-    """Mean specific force of the IMU along an axis over each interval between two edges; m/s^2, ``(n,)``.
+    """Mean specific force of the IMU along an axis over each interval between two edges; m/s^2,
+    ``(n,)``.
 
-    The increments are summed; from the last sample to the edge that sample is held, since the next one may lie in the
-    future. NaN where the IMU is silent for more than 0.25 s, and in the first row.
+    The increments are summed; from the last sample to the edge that sample is held, since the next
+    one may lie in the future. NaN where the IMU is silent for more than 0.25 s, and in the first
+    row.
 
     Args:
         imu: rows of the IMU.
@@ -156,7 +185,10 @@ def sensor_axis(axes: str, axis: str) -> tuple[str, int]:
     """
     known = [_LETTERS.get(letter, ("", 0)) for letter in axes.lower()]
     if {name for name, _ in known} != {"forward", "right", "up"} or len(known) != 3:
-        raise RecordingError(f"the IMU's axes are {axes!r}; say where x, y and z point by the parameter axes, such as 'frd'")
+        raise RecordingError(
+            f"the IMU's axes are {axes!r}; say where x, y and z point by the parameter axes, such "
+            "as 'frd'"
+        )
     index = [name for name, _ in known].index(axis)
     return f"accel_{'xyz'[index]}_mps2", known[index][1]
 

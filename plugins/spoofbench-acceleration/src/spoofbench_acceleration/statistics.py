@@ -18,21 +18,26 @@ _BLOCK = 1_000_000
 
 
 def weights(steps_s: Floats, averaging_s: float, averaging: Averaging) -> Floats:
-    """Weights of new samples in the exponential average over T seconds; same shape as the steps between samples.
+    """Weights of new samples in the exponential average over T seconds; same shape as the steps
+    between samples.
 
-    The paper does not say what its 5 s are: of a span, 2 / (T / dt + 1), they turn its static 1.198 m/s^2 into
-    0.028 as printed; as a time constant, 1 - exp(-dt / T), they suit its accelerometer better.
+    The paper does not say what its 5 s are: of a span, 2 / (T / dt + 1), they turn its static 1.198
+    m/s^2 into 0.028 as printed; as a time constant, 1 - exp(-dt / T), they suit its accelerometer
+    better.
     """
     if averaging == "span":
         return 2 / (averaging_s / steps_s + 1)
     return -np.expm1(-steps_s / averaging_s)
 
 
-def exponential_average(time_s: Floats, values: Floats, averaging_s: float, averaging: Averaging) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the exponential average, NaN where the input is, and the number of the run that each row belongs to.
+def exponential_average(
+    time_s: Floats, values: Floats, averaging_s: float, averaging: Averaging
+) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the exponential average, NaN where the input is, and the number of the run that each
+    row belongs to.
 
-    An unavailable input holds the state; more than ``averaging_s`` since the last available one restarts the
-    average with its input, as a new run.
+    An unavailable input holds the state; more than ``averaging_s`` since the last available one
+    restarts the average with its input, as a new run.
 
     Args:
         time_s: ``(n,)``, increasing.
@@ -44,17 +49,24 @@ def exponential_average(time_s: Floats, values: Floats, averaging_s: float, aver
     rows = np.flatnonzero(~np.isnan(values))
     steps_s = np.diff(time_s[rows], prepend=-np.inf)
     restart = steps_s > averaging_s
-    weight = np.where(restart, 1.0, weights(np.minimum(steps_s, averaging_s), averaging_s, averaging))
+    weight = np.where(
+        restart, 1.0, weights(np.minimum(steps_s, averaging_s), averaging_s, averaging)
+    )
     state, averages = 0.0, []
-    for value, share, anew in zip(values[rows].tolist(), weight.tolist(), restart.tolist(), strict=True):
+    for value, share, anew in zip(
+        values[rows].tolist(), weight.tolist(), restart.tolist(), strict=True
+    ):
         state = value if anew else state + share * (value - state)
         averages.append(state)
     average[rows], runs[rows] = averages, np.cumsum(restart)
     return average, runs
 
 
-def sample_statistics(differences: Floats, runs: NDArray[np.int64], samples: int, stride: int) -> tuple[Floats, Floats]:
-    """Return mean and unbiased variance of the last samples, NaN unless all of them are available and of one run.
+def sample_statistics(
+    differences: Floats, runs: NDArray[np.int64], samples: int, stride: int
+) -> tuple[Floats, Floats]:
+    """Return mean and unbiased variance of the last samples, NaN unless all of them are available
+    and of one run.
 
     Args:
         differences: averaged acceleration difference, m/s^2, ``(n,)``.
@@ -73,12 +85,16 @@ def sample_statistics(differences: Floats, runs: NDArray[np.int64], samples: int
 
 
 def mean_difference(mean: Floats, bias_mps2: float, sigma_mps2: float) -> Floats:
-    """Return z of Lo et al. (2017) Eq (5), with the absolute mean: its threshold 6.1 is a two-sided one."""
+    """Return z of Lo et al. (2017) Eq (5), with the absolute mean: its threshold 6.1 is a two-sided
+    one.
+    """
     return np.maximum(np.abs(mean) - bias_mps2, 0) / sigma_mps2
 
 
 def chi_square(variance: Floats, samples: int, sigma_mps2: float) -> Floats:
-    """Return the chi-square statistic of Lo et al. (2017) Eq (6), of ``samples`` - 1 degrees of freedom."""
+    """Return the chi-square statistic of Lo et al. (2017) Eq (6), of ``samples`` - 1 degrees of
+    freedom.
+    """
     return (samples - 1) * variance / sigma_mps2**2
 
 
@@ -92,21 +108,26 @@ def nominal_interval_s(time_s: Floats) -> Floats:
     return middle
 
 
-def executive_margin(time_s: Floats, z: Floats, chi2: Floats, window_s: float, flags: tuple[float, float], executive: Executive) -> Floats:
+def executive_margin(
+    time_s: Floats,
+    z: Floats,
+    chi2: Floats,
+    window_s: float,
+    flags: tuple[float, float],
+    executive: Executive,
+) -> Floats:
     """Return the executive monitor's margin: above 1 exactly where it alerts; ``(n,)``.
 
-    A test flags where its ratio is above 1. With W the epochs of the window at the receiver's rate, more than
-    K1 = round(W flags[0]) flags of each test within the window alert; in the multi-condition monitor also more than
-    K2 = round(W flags[1]) flags of the chi-square test (Lo et al. 2017, Figure 14). The margin is the
-    (K + 1)-th largest ratio in the window, so that scaling it is scaling the tests' thresholds.
+    A test flags where its ratio is above 1. With W the epochs of the window at the receiver's rate,
+    more than K1 = round(W flags[0]) flags of each test within the window alert; in the
+    multi-condition monitor also more than K2 = round(W flags[1]) flags of the chi-square test (Lo
+    et al. 2017, Figure 14). The margin is the (K + 1)-th largest ratio in the window, so that
+    scaling it is scaling the tests' thresholds.
 
-    Args:
-        time_s: ``(n,)``, increasing.
-        z: mean-difference statistic over its threshold, NaN is no flag.
-        chi2: chi-square statistic over its threshold, NaN is no flag.
-        window_s: length of the observation window.
-        flags: shares of the window that must be flagged, of both tests and of the chi-square test alone.
-        executive: which monitor.
+    Args: time_s: ``(n,)``, increasing. z: mean-difference statistic over its threshold, NaN is no
+        flag. chi2: chi-square statistic over its threshold, NaN is no flag. window_s: length of the
+        observation window. flags: shares of the window that must be flagged, of both tests and of
+        the chi-square test alone. executive: which monitor.
     """
     if time_s.size < 2:
         return np.zeros(time_s.size)
@@ -121,15 +142,25 @@ def executive_margin(time_s: Floats, z: Floats, chi2: Floats, window_s: float, f
 
 
 def _ranked(ratios: Floats, first: NDArray[np.intp], place: NDArray[np.int64]) -> Floats:
-    """Each row's (place + 1)-th largest ratio since its first row, 0 where there are fewer; ``(n,)``."""
+    """Each row's (place + 1)-th largest ratio since its first row, 0 where there are fewer;
+    ``(n,)``.
+    """
     rows = np.arange(first.size)
     longest = int(np.max(rows - first)) + 1
-    windows = sliding_window_view(np.concatenate([np.zeros(longest - 1), np.nan_to_num(ratios, posinf=np.inf)]), longest)
+    windows = sliding_window_view(
+        np.concatenate([np.zeros(longest - 1), np.nan_to_num(ratios, posinf=np.inf)]), longest
+    )
     age = np.arange(longest - 1, -1, -1)
     result = np.zeros(first.size)
     for block in np.array_split(rows, max(1, first.size * longest // _BLOCK)):
         inside = age <= (block - first[block])[:, None]
         smallest_first = np.sort(np.where(inside, windows[block], 0.0), axis=1)
         enough = place[block] < longest
-        result[block] = np.where(enough, smallest_first[np.arange(block.size), longest - 1 - np.minimum(place[block], longest - 1)], 0.0)
+        result[block] = np.where(
+            enough,
+            smallest_first[
+                np.arange(block.size), longest - 1 - np.minimum(place[block], longest - 1)
+            ],
+            0.0,
+        )
     return result

@@ -1,4 +1,6 @@
-"""Detectors that look at nothing but the clock. They decide at every epoch of the primary receiver."""
+"""Detectors that look at nothing but the clock. They decide at every epoch of the primary
+receiver.
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -9,7 +11,9 @@ from numpy.typing import NDArray
 from spoofbench.detecting import Decisions
 from spoofbench.recording import Recording
 
-SLOT_NS = 1_000_000_000  # chance is drawn once per second of the clock, whatever the receiver's rate
+SLOT_NS = (
+    1_000_000_000  # chance is drawn once per second of the clock, whatever the receiver's rate
+)
 ALERT = 2.0
 
 
@@ -60,7 +64,10 @@ class _Alarms:
         if not self.alert_s >= 1:
             raise ValueError(f"alert_s must be at least 1, not {self.alert_s!r}")
         if not 0 < self.rate_per_hour * self.alert_s < 3600:
-            raise ValueError(f"rate_per_hour must be positive and below 3600 / alert_s, not {self.rate_per_hour!r}")
+            raise ValueError(
+                "rate_per_hour must be positive and below 3600 / alert_s, not "
+                f"{self.rate_per_hour!r}"
+            )
 
     @property
     def memory_s(self) -> float:
@@ -77,16 +84,21 @@ class Periodic(_Alarms):
         time_ns = _epochs(recording)
         period_s = 3600 / self.rate_per_hour
         phase_s = (time_ns - time_ns[:1]) / 1e9 % period_s
-        return Decisions(time_ns, np.where(phase_s >= period_s - self.alert_s, ALERT, 0.0), np.ones(time_ns.size, bool))
+        return Decisions(
+            time_ns,
+            np.where(phase_s >= period_s - self.alert_s, ALERT, 0.0),
+            np.ones(time_ns.size, bool),
+        )
 
 
 @dataclass(frozen=True)
 class Random(_Alarms):
     """Alarms whose starts are a Poisson process; those that overlap run together.
 
-    Chance is a stable hash of the seed and the second of the recording's clock, so the past does not depend on
-    the future, and a recording and its variants get the same alarms. The score is the rate over the least rate
-    at which there would be an alarm: scaling it by k is the same as a rate k times as high.
+    Chance is a stable hash of the seed and the second of the recording's clock, so the past does
+    not depend on the future, and a recording and its variants get the same alarms. The score is the
+    rate over the least rate at which there would be an alarm: scaling it by k is the same as a rate
+    k times as high.
 
     Attributes:
         seed: another seed gives other alarms.
@@ -109,14 +121,18 @@ def _epochs(recording: Recording) -> NDArray[np.int64]:
 
 
 def _waiting(slots: NDArray[np.int64], seed: int) -> NDArray[np.float64]:
-    """Exponential variates of mean 1, one per slot: a process of rate r per slot starts there where r exceeds it."""
+    """Exponential variates of mean 1, one per slot: a process of rate r per slot starts there where
+    r exceeds it.
+    """
     key = _mixed(np.array(seed & 0xFFFF_FFFF_FFFF_FFFF, np.uint64))
     uniform = ((_mixed(slots.astype(np.uint64) ^ key) >> np.uint64(12)) + 0.5) / 2.0**52
     return np.asarray(-np.log1p(-uniform))
 
 
 def _mixed(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """One output of the generator splitmix64 (Steele, Lea, Flood 2014) per state: the same on every machine."""
+    """One output of the generator splitmix64 (Steele, Lea, Flood 2014) per state: the same on every
+    machine.
+    """
     with np.errstate(over="ignore"):
         bits = bits + np.uint64(0x9E3779B97F4A7C15)
         bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

@@ -23,7 +23,11 @@ class Findings:
 
     def row(self, table: str, **wanted: Any) -> Row:
         """Return the one row of a table that has these values."""
-        return next(row for row in self.tables[table] if all(row[key] == value for key, value in wanted.items()))
+        return next(
+            row
+            for row in self.tables[table]
+            if all(row[key] == value for key, value in wanted.items())
+        )
 
     def median(self, name: str, statistic: str) -> float:
         """Genuine median of a statistic that is available."""
@@ -32,16 +36,34 @@ class Findings:
     @property
     def long(self) -> list[str]:
         """Sessions whose window is the paper's."""
-        return [name for name, session in self.sessions.items() if session.inertial and session.window_s == WINDOWS_S[0]]
+        return [
+            name
+            for name, session in self.sessions.items()
+            if session.inertial and session.window_s == WINDOWS_S[0]
+        ]
 
     @property
     def telling(self) -> list[str]:
-        """Those of them whose genuine medians all exceed the paper's threshold: elsewhere a low value says nothing of spoofing."""
-        return [name for name in self.long if min(self.median(name, statistic) for statistic in FOUR) > THRESHOLD]
+        """Those of them whose genuine medians all exceed the paper's threshold: elsewhere a low
+        value says nothing of spoofing.
+        """
+        return [
+            name
+            for name in self.long
+            if min(self.median(name, statistic) for statistic in FOUR) > THRESHOLD
+        ]
 
-    def pooled(self, pairs: Sequence[tuple[str, str]], statistics: Sequence[str]) -> NDArray[np.float64]:
+    def pooled(
+        self, pairs: Sequence[tuple[str, str]], statistics: Sequence[str]
+    ) -> NDArray[np.float64]:
         """Values of statistics in cases of sessions."""
-        return np.concatenate([self.values[name, case, statistic].value for name, case in pairs for statistic in statistics])
+        return np.concatenate(
+            [
+                self.values[name, case, statistic].value
+                for name, case in pairs
+                for statistic in statistics
+            ]
+        )
 
     def unrelated(self, names: Sequence[str]) -> list[tuple[str, str]]:
         """Sessions and their cases in which GNSS is of another time or run."""

@@ -20,23 +20,31 @@ def parked(session: Session, series: Series) -> NDArray[np.bool_]:
 
 
 def contradictions(sessions: Sequence[Session]) -> list[Row]:
-    """Return contradicted seconds per minute over each session, genuine and under each attack; null where standstill is not known."""
+    """Return contradicted seconds per minute over each session, genuine and under each attack; null
+    where standstill is not known.
+    """
     rows = []
     for session in sessions:
         if not session.inertial:
             continue
         for case, recording in cases(session, sessions):
             for kind in get_args(Contradiction):
-                detector = ZeroVelocity(kind, window_s=recording.span.duration_s, min_share=0.5, threshold_per_min=1.0)
+                detector = ZeroVelocity(
+                    kind, window_s=recording.span.duration_s, min_share=0.5, threshold_per_min=1.0
+                )
                 decisions = detect(detector, recording)
                 known = decisions.available.size > 0 and bool(decisions.available[-1])
                 per_min = float(decisions.score[-1]) if known else None
-                rows.append({"recording": session.name, "case": case, "kind": kind, "per_min": per_min})
+                rows.append(
+                    {"recording": session.name, "case": case, "kind": kind, "per_min": per_min}
+                )
     return rows
 
 
 def at_rest(sessions: Sequence[Session]) -> list[Row]:
-    """Return, of the epochs at which a receiver stands still, the shares that the IMU's two limits each find still; null where unknown."""
+    """Return, of the epochs at which a receiver stands still, the shares that the IMU's two limits
+    each find still; null where unknown.
+    """
     rows = []
     for session in sessions:
         if not session.inertial:
@@ -45,7 +53,10 @@ def at_rest(sessions: Sequence[Session]) -> list[Row]:
         slow = velocity.speed_mps < ZeroVelocity.speed_mps
         time_ns = velocity.time_ns[1:][slow[1:] & slow[:-1]]
         shares = {}
-        for name, rest in (("force", imu.Rest(rate_rms_radps=np.inf)), ("rate", imu.Rest(force_std_mps2=np.inf))):
+        for name, rest in (
+            ("force", imu.Rest(rate_rms_radps=np.inf)),
+            ("rate", imu.Rest(force_std_mps2=np.inf)),
+        ):
             still = imu.is_stationary(session.recording.primary("imu"), time_ns, rest)
             known = still[~np.isnan(still)]
             shares[f"{name}_still_share"] = float(known.mean()) if known.size else None

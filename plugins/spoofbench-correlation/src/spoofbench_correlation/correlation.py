@@ -24,29 +24,37 @@ COMPARISONS: Mapping[Statistic, tuple[Comparison, ...]] = {
     "M": ("M_acc", "M_ag"),
     "H": ("H_acc", "H_ag"),
 }
-TURN_SPEED_MPS = 10.0  # at which adaptive weighting takes a yaw rate and its centripetal acceleration as equal
+TURN_SPEED_MPS = (
+    10.0  # at which adaptive weighting takes a yaw rate and its centripetal acceleration as equal
+)
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """Alerts where the correlation of GNSS motion with IMU motion falls below a threshold (Borio, Eq 1-15).
+    """Alerts where the correlation of GNSS motion with IMU motion falls below a threshold (Borio,
+    Eq 1-15).
 
-    ``score = (1 - C) / (1 - threshold)``: 0 for perfect agreement, 1 at the threshold. Unavailable where valid pairs
-    cover too little of the window, where either series is constant, or before gravity is known.
+    ``score = (1 - C) / (1 - threshold)``: 0 for perfect agreement, 1 at the threshold. Unavailable
+    where valid pairs cover too little of the window, where either series is constant, or before
+    gravity is known.
 
-    Attributes:
-        statistic: ``M_acc``, ``M_ag`` (norms), ``H_acc``, ``H_ag`` (levelled) of Eq (9), or ``M``, ``H`` of Eq (15).
-        alpha: weight of the angular rate in Eq (15).
-        adaptive: weigh by dynamics. The paper gives no formula; here ``alpha : 1 - alpha`` is multiplied by the ratio of the
-            rate's standard deviation, times 10 m/s, to the acceleration's, each the lesser of what GNSS and IMU saw in the window.
+    Attributes: statistic: ``M_acc``, ``M_ag`` (norms), ``H_acc``, ``H_ag`` (levelled) of Eq (9), or
+        ``M``, ``H`` of Eq (15). alpha: weight of the angular rate in Eq (15). adaptive: weigh by
+        dynamics. The paper gives no formula; here ``alpha : 1 - alpha`` is multiplied by the ratio
+        of the
+            rate's standard deviation, times 10 m/s, to the acceleration's, each the lesser of what
+            GNSS and IMU saw in the window.
         window_s: length of the window.
-        threshold: least correlation that raises no alert; 0.7 is the paper's for its best IMU, others need their own.
-        gravity: ``low_pass`` with time constant ``gravity_s``; ``descent`` on Eq (13) and (14), averaged over ``gravity_s``;
-            ``constant``, the mean of all specific force so far.
+        threshold: least correlation that raises no alert; 0.7 is the paper's for its best IMU,
+            others need their own.
+        gravity: ``low_pass`` with time constant ``gravity_s``; ``descent`` on Eq (13) and (14),
+            averaged over ``gravity_s``; ``constant``, the mean of all specific force so far.
         gravity_s: time constant of the gravity estimate.
         w: weight of the rotation in Eq (13), (m/s^2)^2/(rad/s)^2.
-        g: for ``descent``, the sensor's own norm at rest, m/s^2; None: the mean over the epochs at rest so far.
-        lag_s: how late the receiver's velocities are; the IMU is averaged over ``(t[n-1] - lag, t[n] - lag]``.
+        g: for ``descent``, the sensor's own norm at rest, m/s^2; None: the mean over the epochs at
+            rest so far.
+        lag_s: how late the receiver's velocities are; the IMU is averaged over ``(t[n-1] - lag,
+            t[n] - lag]``.
         median_filter: length of a trailing median over all series, odd; 1 is none.
         min_share: share of the window that valid pairs must cover.
     """
@@ -68,7 +76,10 @@ class Correlation:
     min_share: float = 0.8
 
     def __post_init__(self) -> None:
-        for name, value, words in (("statistic", self.statistic, Statistic), ("gravity", self.gravity, Gravity)):
+        for name, value, words in (
+            ("statistic", self.statistic, Statistic),
+            ("gravity", self.gravity, Gravity),
+        ):
             if value not in get_args(words):
                 raise ValueError(f"{name} must be one of {list(get_args(words))}, not {value!r}")
         checks = {
@@ -78,9 +89,14 @@ class Correlation:
             "gravity_s": (self.gravity_s > 0, "positive"),
             "w": (self.w >= 0, "0 or more"),
             "g": (self.g is None or self.g > 0, "positive"),
-            "lag_s": (0 <= self.lag_s < np.inf, "0 or more, or a decision would rest on the future"),
+            "lag_s": (
+                0 <= self.lag_s < np.inf,
+                "0 or more, or a decision would rest on the future",
+            ),
             "median_filter": (
-                isinstance(self.median_filter, int) and self.median_filter > 0 and self.median_filter % 2 == 1,
+                isinstance(self.median_filter, int)
+                and self.median_filter > 0
+                and self.median_filter % 2 == 1,
                 "an odd whole number",
             ),
             "min_share": (0 < self.min_share <= 1, "above 0 and at most 1"),
@@ -95,10 +111,16 @@ class Correlation:
         return self.window_s + self.median_filter * gnss.LONGEST_PAIR_S
 
     def detect(self, recording: Recording) -> Decisions:
-        """Decide at each epoch of the primary receiver; the first has no pair and is unavailable."""
+        """Decide at each epoch of the primary receiver; the first has no pair and is
+        unavailable.
+        """
         velocity = gnss.velocity(recording.primary("gnss/pvt"))
         if velocity.time_ns.size < 2:
-            return Decisions(velocity.time_ns, np.zeros(velocity.time_ns.size), np.zeros(velocity.time_ns.size, bool))
+            return Decisions(
+                velocity.time_ns,
+                np.zeros(velocity.time_ns.size),
+                np.zeros(velocity.time_ns.size, bool),
+            )
         start_ns, end_ns = velocity.time_ns[:-1], velocity.time_ns[1:]
         x, y = self._series(recording.primary("imu"), velocity)
         dt_s = (end_ns - start_ns) / 1e9
@@ -110,16 +132,25 @@ class Correlation:
         return Decisions(velocity.time_ns, score, ~np.isnan(score))
 
     def _series(self, rows: Table, velocity: gnss.Velocity) -> tuple[Floats, Floats]:
-        """The IMU's and the receiver's series per pair of epochs, shapes ``(k, n)``, k = 2 for a combination."""
+        """The IMU's and the receiver's series per pair of epochs, shapes ``(k, n)``, k = 2 for a
+        combination.
+        """
         start_ns, end_ns = velocity.time_ns[:-1], velocity.time_ns[1:]
         lag_ns = round(self.lag_s * 1e9)
         motion = imu.interval_means(rows, start_ns - lag_ns, end_ns - lag_ns)
         rest = self._gravity(rows, motion, end_ns - lag_ns, (end_ns - start_ns) / 1e9)
-        pairs = [series(comparison, motion, rest, velocity) for comparison in COMPARISONS[self.statistic]]
-        x, y = (windows.trailing_median(np.stack(sides), self.median_filter) for sides in zip(*pairs, strict=True))
+        pairs = [
+            series(comparison, motion, rest, velocity) for comparison in COMPARISONS[self.statistic]
+        ]
+        x, y = (
+            windows.trailing_median(np.stack(sides), self.median_filter)
+            for sides in zip(*pairs, strict=True)
+        )
         return x, y
 
-    def _gravity(self, rows: Table, motion: imu.Motion, time_ns: NDArray[np.int64], dt_s: Floats) -> Floats:
+    def _gravity(
+        self, rows: Table, motion: imu.Motion, time_ns: NDArray[np.int64], dt_s: Floats
+    ) -> Floats:
         force = motion.force_mps2
         if self.gravity == "low_pass":
             return gravity.low_pass(force, dt_s, self.gravity_s)

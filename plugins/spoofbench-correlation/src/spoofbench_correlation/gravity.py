@@ -1,6 +1,8 @@
-"""Gravity in the sensor frame, from the past alone: what an accelerometer would feel at rest (it points up).
+"""Gravity in the sensor frame, from the past alone: what an accelerometer would feel at rest (it
+points up).
 
-All take the specific force per epoch, shape ``(3, n)`` with NaN where unknown, and give gravity of that shape.
+All take the specific force per epoch, shape ``(3, n)`` with NaN where unknown, and give gravity of
+that shape.
 """
 
 import math
@@ -14,7 +16,9 @@ Mask = NDArray[np.bool_]
 BLOCK = 30.0  # time constants that are filtered at once: e^30 leaves room in a double
 DESCENT_STEPS = 5  # per epoch, from the last epoch's estimate
 PENALTY = 1.0  # lambda of Eq (14), in units of g^2
-CURVATURE = 2 + 8 * PENALTY  # the cost's steepest, in units of g^2: along gravity, on the unit sphere
+CURVATURE = (
+    2 + 8 * PENALTY
+)  # the cost's steepest, in units of g^2: along gravity, on the unit sphere
 
 
 def low_pass(values: Floats, dt_s: Floats, time_constant_s: float) -> Floats:
@@ -32,7 +36,9 @@ def low_pass(values: Floats, dt_s: Floats, time_constant_s: float) -> Floats:
 
 
 def _filtered(values: Floats, steps: Floats) -> Floats:
-    """The recursion y += (1 - exp(-step)) (x - y) in closed form, block by block lest the exponentials overflow."""
+    """The recursion y += (1 - exp(-step)) (x - y) in closed form, block by block lest the
+    exponentials overflow.
+    """
     steps = np.minimum(steps, BLOCK)
     time = np.cumsum(steps)
     ends = np.append(np.flatnonzero(np.diff(time // BLOCK)) + 1, time.size)
@@ -57,18 +63,24 @@ def constant(force: Floats, dt_s: Floats) -> Floats:
 
 
 def static_norm(force: Floats, still: Mask) -> Floats:
-    """Mean of the specific force's norm over all epochs at rest so far, shape ``(n,)``; NaN before the first."""
+    """Mean of the specific force's norm over all epochs at rest so far, shape ``(n,)``; NaN before
+    the first.
+    """
     norm = np.where(still, np.linalg.norm(force, axis=0), np.nan)
     count = np.cumsum(~np.isnan(norm))
-    mean: Floats = np.divide(np.cumsum(np.nan_to_num(norm)), count, out=np.full_like(norm, np.nan), where=count > 0)
+    mean: Floats = np.divide(
+        np.cumsum(np.nan_to_num(norm)), count, out=np.full_like(norm, np.nan), where=count > 0
+    )
     return mean
 
 
-def descent(force: Floats, rate: Floats, dt_s: Floats, g: Floats, w: float, time_constant_s: float) -> Floats:
+def descent(
+    force: Floats, rate: Floats, dt_s: Floats, g: Floats, w: float, time_constant_s: float
+) -> Floats:
     """Gravity by gradient descent on Borio's cost, Eq (13) with the penalty of Eq (14).
 
-    The paper's cost of one sample is averaged over ``time_constant_s`` (one sample is met by a whole cone of
-    directions), and the descent goes on from the last epoch's direction.
+    The paper's cost of one sample is averaged over ``time_constant_s`` (one sample is met by a
+    whole cone of directions), and the descent goes on from the last epoch's direction.
 
     Args:
         force: specific force, m/s^2.
@@ -95,8 +107,12 @@ def descent(force: Floats, rate: Floats, dt_s: Floats, g: Floats, w: float, time
     return gravity
 
 
-def _descend(u: tuple[float, float, float], cost: list[float], g: float) -> tuple[float, float, float]:
-    """Steps down J(u) = u'Mu - 2 g a'u + g^2 + lambda (|u|^2 - 1)^2; cost holds M's upper triangle, then a."""
+def _descend(
+    u: tuple[float, float, float], cost: list[float], g: float
+) -> tuple[float, float, float]:
+    """Steps down J(u) = u'Mu - 2 g a'u + g^2 + lambda (|u|^2 - 1)^2; cost holds M's upper triangle,
+    then a.
+    """
     xx, xy, xz, yy, yz, zz, ax, ay, az = cost
     x, y, z = u
     step = 2 / (CURVATURE * g * g)

@@ -30,15 +30,18 @@ class Motion(NamedTuple):
 def interval_means(imu: Table, start_ns: Times, end_ns: Times) -> Motion:
     """Mean specific force and angular rate over the intervals ``(start, end]``.
 
-    A row that is averaged over ``interval_s`` contributes its increment to the interval in which it ends. A row that lacks
-    one of the two says nothing of it: accelerometer and gyroscope may tick apart.
+    A row that is averaged over ``interval_s`` contributes its increment to the interval in which it
+    ends. A row that lacks one of the two says nothing of it: accelerometer and gyroscope may tick
+    apart.
 
     Args:
         imu: rows of kind ``imu``.
         start_ns: shape ``(n,)``.
         end_ns: shape ``(n,)``, not before ``start_ns``.
     """
-    force, rate = (_means(imu, [imu[name] for name in names], start_ns, end_ns) for names in (FORCE, RATE))
+    force, rate = (
+        _means(imu, [imu[name] for name in names], start_ns, end_ns) for names in (FORCE, RATE)
+    )
     return Motion(force, rate)
 
 
@@ -52,14 +55,17 @@ class Rest(NamedTuple):
 
 
 def is_stationary(imu: Table, time_ns: Times, rest: Rest) -> Floats:
-    """Whether the IMU stands still in the span before each time: 1, 0, or NaN where rows are missing. Shape ``(n,)``.
+    """Whether the IMU stands still in the span before each time: 1, 0, or NaN where rows are
+    missing. Shape ``(n,)``.
 
-    It does where the specific force, smoothed by means over ``smooth_s``, has a standard deviation (root of the
-    summed variances of the axes, so that mounting does not matter) below ``force_std_mps2``, and the angular rate
-    a root mean square below ``rate_rms_radps``.
+    It does where the specific force, smoothed by means over ``smooth_s``, has a standard deviation
+    (root of the summed variances of the axes, so that mounting does not matter) below
+    ``force_std_mps2``, and the angular rate a root mean square below ``rate_rms_radps``.
     """
     blocks = round(rest.span_s / rest.smooth_s)
-    edges = time_ns[:, None] + np.rint(np.linspace(-rest.span_s, 0, blocks + 1) * 1e9).astype(np.int64)
+    edges = time_ns[:, None] + np.rint(np.linspace(-rest.span_s, 0, blocks + 1) * 1e9).astype(
+        np.int64
+    )
     force = _means(imu, [imu[name] for name in FORCE], edges[:, :-1].ravel(), edges[:, 1:].ravel())
     force_std = np.sqrt(force.reshape(3, -1, blocks).var(axis=2).sum(axis=0))
     x, y, z = (imu[name] for name in RATE)
@@ -69,7 +75,9 @@ def is_stationary(imu: Table, time_ns: Times, rest: Rest) -> Floats:
 
 
 def _weights(time_ns: Times, interval_s: Floats) -> Floats:
-    """Seconds that each row stands for: its averaging interval, or for a sampled row the time since the last."""
+    """Seconds that each row stands for: its averaging interval, or for a sampled row the time since
+    the last.
+    """
     sampled = ~(interval_s > 0)
     if not sampled.any():
         return interval_s
@@ -78,14 +86,23 @@ def _weights(time_ns: Times, interval_s: Floats) -> Floats:
 
 
 def _means(imu: Table, columns: Sequence[Floats], start_ns: Times, end_ns: Times) -> Floats:
-    """Means of k columns over the rows within each ``(start, end]`` that have them all, weighted by seconds, shape ``(k, n)``."""
+    """Means of k columns over the rows within each ``(start, end]`` that have them all, weighted by
+    seconds, shape ``(k, n)``.
+    """
     time_ns, interval_s, known = imu.time_ns, imu["interval_s"], ~np.isnan(columns).any(axis=0)
     if not known.all():
-        time_ns, interval_s, columns = time_ns[known], interval_s[known], [column[known] for column in columns]
-    first, last = np.searchsorted(time_ns, start_ns, "right"), np.searchsorted(time_ns, end_ns, "right")
+        time_ns, interval_s, columns = (
+            time_ns[known],
+            interval_s[known],
+            [column[known] for column in columns],
+        )
+    first, last = (
+        np.searchsorted(time_ns, start_ns, "right"),
+        np.searchsorted(time_ns, end_ns, "right"),
+    )
     weight = _weights(time_ns, interval_s)
-    # reduceat sums each interval on its own, so no mean depends on where the recording starts or ends. It wants
-    # starts that exist: one zero more than there are rows stands behind the last.
+    # reduceat sums each interval on its own, so no mean depends on where the recording starts or
+    # ends. It wants starts that exist: one zero more than there are rows stands behind the last.
     edges = np.stack((first, last), axis=1).ravel()
     increments = np.zeros(time_ns.size + 1)
     sums = []
@@ -94,5 +111,7 @@ def _means(imu: Table, columns: Sequence[Floats], start_ns: Times, end_ns: Times
         sums.append(np.add.reduceat(increments, edges)[::2] if edges.size else np.empty(0))
     seconds, *totals = np.where(first < last, sums, 0.0)
     covered = (seconds > 0) & (seconds >= COVERAGE * (end_ns - start_ns) / 1e9)
-    means: Floats = np.divide(totals, seconds, out=np.full((len(totals), seconds.size), np.nan), where=covered)
+    means: Floats = np.divide(
+        totals, seconds, out=np.full((len(totals), seconds.size), np.nan), where=covered
+    )
     return means

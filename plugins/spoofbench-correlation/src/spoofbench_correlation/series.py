@@ -1,4 +1,6 @@
-"""The two series that each statistic of Borio's Eq (9) correlates, per pair of epochs: the IMU's and the receiver's."""
+"""The two series that each statistic of Borio's Eq (9) correlates, per pair of epochs: the IMU's
+and the receiver's.
+"""
 
 from typing import Literal
 
@@ -12,7 +14,9 @@ Floats = NDArray[np.float64]
 Comparison = Literal["M_acc", "M_ag", "H_acc", "H_ag"]
 
 
-def series(comparison: Comparison, motion: Motion, gravity: Floats, velocity: Velocity) -> tuple[Floats, Floats]:
+def series(
+    comparison: Comparison, motion: Motion, gravity: Floats, velocity: Velocity
+) -> tuple[Floats, Floats]:
     """Return the IMU's and the receiver's series, shapes ``(n,)``.
 
     Args:
@@ -42,4 +46,6 @@ def norm(vectors: Floats) -> Floats:
 
 def _unit(vectors: Floats) -> Floats:
     length = norm(vectors)
-    return np.asarray(np.divide(vectors, length, out=np.full_like(vectors, np.nan), where=length > 0))
+    return np.asarray(
+        np.divide(vectors, length, out=np.full_like(vectors, np.nan), where=length > 0)
+    )

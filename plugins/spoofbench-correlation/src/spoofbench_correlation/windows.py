@@ -8,22 +8,28 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Counts = NDArray[np.intp]
 
-CANCELLED = 1e-5  # variance, as share of the mean square, below which too few digits are left of their difference
+# variance, as share of the mean square, below which too few digits are left of their difference
+CANCELLED = 1e-5
 VANISHING = 1e-24  # the same, below which a window holds a constant
 
 
 class Correlation(NamedTuple):
-    """Per window, shapes ``(k, n)``: coefficients in [-1, 1], NaN where a variance vanishes, and standard deviations."""
+    """Per window, shapes ``(k, n)``: coefficients in [-1, 1], NaN where a variance vanishes, and
+    standard deviations.
+    """
 
     coefficient: Floats
     std_x: Floats
     std_y: Floats
 
 
-def first_of_window(start_ns: NDArray[np.int64], end_ns: NDArray[np.int64], window_s: float) -> Counts:
+def first_of_window(
+    start_ns: NDArray[np.int64], end_ns: NDArray[np.int64], window_s: float
+) -> Counts:
     """Index of the first pair of the window that ends with each pair, shape ``(n,)``.
 
-    A pair belongs to the window that holds its middle, so jitter of the epochs does not add or drop one.
+    A pair belongs to the window that holds its middle, so jitter of the epochs does not add or drop
+    one.
     """
     middle = start_ns + (end_ns - start_ns) // 2
     return np.searchsorted(middle, end_ns - round(window_s * 1e9), "right")
@@ -31,15 +37,19 @@ def first_of_window(start_ns: NDArray[np.int64], end_ns: NDArray[np.int64], wind
 
 def covered_s(dt_s: Floats, valid: NDArray[np.bool_], first: Counts) -> Floats:
     """Seconds of each window that valid pairs cover, shape ``(n,)``."""
-    total = np.concatenate(([0], np.cumsum(np.where(valid, np.rint(dt_s * 1e9), 0).astype(np.int64))))
+    total = np.concatenate(
+        ([0], np.cumsum(np.where(valid, np.rint(dt_s * 1e9), 0).astype(np.int64)))
+    )
     return (total[1:] - total[first]) / 1e9
 
 
 def correlate(x: Floats, y: Floats, valid: NDArray[np.bool_], first: Counts) -> Correlation:
-    """Correlation coefficients over the valid pairs of each window (Borio, Eq 8, with N terms and divisor N).
+    """Correlation coefficients over the valid pairs of each window (Borio, Eq 8, with N terms and
+    divisor N).
 
-    Each window is summed on its own, so that its rounding knows nothing of louder times or of the future. Where the
-    mean so exceeds the spread that the moments cancel, the window is summed again about its mean.
+    Each window is summed on its own, so that its rounding knows nothing of louder times or of the
+    future. Where the mean so exceeds the spread that the moments cancel, the window is summed again
+    about its mean.
 
     Args:
         x: shape ``(k, n)``, n > 0.
@@ -55,7 +65,9 @@ def correlate(x: Floats, y: Floats, valid: NDArray[np.bool_], first: Counts) -> 
     mean_x, mean_y, xx, yy, xy = sums / np.maximum(total[end] - total[first], 1)
     moments = np.stack([xx - mean_x**2, yy - mean_y**2, xy - mean_x * mean_y])
     moving = (xx > 0) & (yy > 0)
-    for row, window in np.argwhere(moving & ((moments[0] < CANCELLED * xx) | (moments[1] < CANCELLED * yy))).tolist():
+    for row, window in np.argwhere(
+        moving & ((moments[0] < CANCELLED * xx) | (moments[1] < CANCELLED * yy))
+    ).tolist():
         kept = np.flatnonzero(valid[first[window] : window + 1]) + first[window]
         moments[:, row, window] = _central_moments(x[row, kept], y[row, kept])
     variance_x, variance_y, covariance = moments
@@ -71,8 +83,12 @@ def _central_moments(x: Floats, y: Floats) -> tuple[float, float, float]:
 
 
 def trailing_median(values: Floats, length: int) -> Floats:
-    """Median of each value and the ``length - 1`` before it; NaN where one of them is missing. Shape ``(k, n)``."""
+    """Median of each value and the ``length - 1`` before it; NaN where one of them is missing.
+    Shape ``(k, n)``.
+    """
     if length == 1:
         return values
     padded = np.concatenate([np.full((values.shape[0], length - 1), np.nan), values], axis=1)
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, length, axis=1), axis=2))
+    return np.asarray(
+        np.median(np.lib.stride_tricks.sliding_window_view(padded, length, axis=1), axis=2)
+    )

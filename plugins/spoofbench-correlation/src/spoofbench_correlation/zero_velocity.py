@@ -17,16 +17,18 @@ Contradiction = Literal["either", "gnss_still", "imu_still"]
 class ZeroVelocity:
     """Alerts where GNSS and IMU contradict each other on standing still (after Borio, Section V-A).
 
-    A pair of epochs is a contradiction if the receiver stands still at both ends and the IMU moves in the
-    ``span_s`` before the later one, or if the receiver moves at both ends and the IMU stands still, as in
-    :func:`spoofbench_correlation.imu.is_stationary`. The statistic is contradicted seconds per minute over the
-    window, ``score`` its ratio to ``threshold_per_min``. The paper gives no numbers; the thresholds here are ours.
+    A pair of epochs is a contradiction if the receiver stands still at both ends and the IMU moves
+    in the ``span_s`` before the later one, or if the receiver moves at both ends and the IMU stands
+    still, as in :func:`spoofbench_correlation.imu.is_stationary`. The statistic is contradicted
+    seconds per minute over the window, ``score`` its ratio to ``threshold_per_min``. The paper
+    gives no numbers; the thresholds here are ours.
 
-    Attributes:
-        contradiction: ``gnss_still`` or ``imu_still`` counts one kind alone: a running engine may shake a parked
+    Attributes: contradiction: ``gnss_still`` or ``imu_still`` counts one kind alone: a running
+        engine may shake a parked
             car, and a smooth road may not shake a driving one.
         speed_mps: GNSS speed over ground below which the receiver stands still.
-        force_std_mps2: standard deviation of the smoothed specific force below which the IMU may stand still.
+        force_std_mps2: standard deviation of the smoothed specific force below which the IMU may
+            stand still.
         rate_rms_radps: root mean square of the angular rate below which it does.
         smooth_s: smoothing of the specific force.
         span_s: time before an epoch over which the IMU is judged.
@@ -52,14 +54,29 @@ class ZeroVelocity:
 
     def __post_init__(self) -> None:
         if self.contradiction not in get_args(Contradiction):
-            raise ValueError(f"contradiction must be one of {list(get_args(Contradiction))}, not {self.contradiction!r}")
+            raise ValueError(
+                f"contradiction must be one of {list(get_args(Contradiction))}, not "
+                f"{self.contradiction!r}"
+            )
         if not 0 <= self.lag_s < np.inf:
-            raise ValueError(f"lag_s must be 0 or more, or a decision would rest on the future, not {self.lag_s!r}")
+            raise ValueError(
+                "lag_s must be 0 or more, or a decision would rest on the future, not "
+                f"{self.lag_s!r}"
+            )
         if not 0 < self.min_share <= 1:
             raise ValueError(f"min_share must be above 0 and at most 1, not {self.min_share!r}")
         if not 0 < 2 * self.smooth_s <= self.span_s:
-            raise ValueError(f"smooth_s must be positive and at most half of span_s = {self.span_s!r}, not {self.smooth_s!r}")
-        for name in ("speed_mps", "force_std_mps2", "rate_rms_radps", "window_s", "threshold_per_min"):
+            raise ValueError(
+                f"smooth_s must be positive and at most half of span_s = {self.span_s!r}, not "
+                f"{self.smooth_s!r}"
+            )
+        for name in (
+            "speed_mps",
+            "force_std_mps2",
+            "rate_rms_radps",
+            "window_s",
+            "threshold_per_min",
+        ):
             if not 0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be positive and finite, not {getattr(self, name)!r}")
 
@@ -69,7 +86,9 @@ class ZeroVelocity:
         return self.window_s + gnss.LONGEST_PAIR_S
 
     def detect(self, recording: Recording) -> Decisions:
-        """Decide at each epoch of the primary receiver; the first has no pair and is unavailable."""
+        """Decide at each epoch of the primary receiver; the first has no pair and is
+        unavailable.
+        """
         velocity = gnss.velocity(recording.primary("gnss/pvt"))
         start, end = velocity.time_ns[:-1], velocity.time_ns[1:]
         dt_s = (end - start) / 1e9
@@ -82,16 +101,22 @@ class ZeroVelocity:
         known = (dt_s <= gnss.LONGEST_PAIR_S) & ~np.isnan(speed[1:] + speed[:-1] + imu_still)
         first = windows.first_of_window(start, end, self.window_s)
         known_s = windows.covered_s(dt_s, known, first)
-        contradicted_s = windows.covered_s(dt_s, known & self._contradicted(speed, imu_still == 1), first)
+        contradicted_s = windows.covered_s(
+            dt_s, known & self._contradicted(speed, imu_still == 1), first
+        )
         available = known_s >= self.min_share * self.window_s
-        per_min = 60 * np.divide(contradicted_s, known_s, out=np.zeros_like(known_s), where=available)
+        per_min = 60 * np.divide(
+            contradicted_s, known_s, out=np.zeros_like(known_s), where=available
+        )
         return Decisions(
             velocity.time_ns,
             np.append(np.zeros(speed[:1].size), per_min / self.threshold_per_min),
             np.append(np.zeros(speed[:1].size, bool), available),
         )
 
-    def _contradicted(self, speed: NDArray[np.float64], imu_still: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _contradicted(
+        self, speed: NDArray[np.float64], imu_still: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
         slow = speed < self.speed_mps
         gnss_still = slow[1:] & slow[:-1] & ~imu_still
         gnss_moves = ~slow[1:] & ~slow[:-1] & imu_still

@@ -1,9 +1,10 @@
 """The linear error model of a loosely coupled INS/GNSS filter, per step of the nominal trajectory.
 
-The fifteen states ``r v E b_a b_g`` are in the order, and the attitude error has the sign, of :mod:`spoofbench.integrity.model` (Tanil
-et al. 2018, Eq 4): the true rotation from body to wander frame is (I + [E x]) times the nominal one. Position and velocity are total,
-the rest are differences from the nominal trajectory. States of GNSS errors would follow behind the inertial ones, and a tightly
-coupled filter's observation would take the place of the identity on ``r v``.
+The fifteen states ``r v E b_a b_g`` are in the order, and the attitude error has the sign, of
+:mod:`spoofbench.integrity.model` (Tanil et al. 2018, Eq 4): the true rotation from body to wander
+frame is (I + [E x]) times the nominal one. Position and velocity are total, the rest are
+differences from the nominal trajectory. States of GNSS errors would follow behind the inertial
+ones, and a tightly coupled filter's observation would take the place of the identity on ``r v``.
 """
 
 import numpy as np
@@ -20,8 +21,12 @@ STATES, MEASURED = 15, 6
 AZIMUTH = 8
 """Place of the attitude error about the vertical."""
 
-SILENT_MPS2, SILENT_RADPS = 3.0, 0.3  # 1 sigma of what a vehicle does while the IMU is silent, beyond what it did before
-_ORDER = 8  # of the series: a step is at most 1.5 s, and without the biases' decay the dynamics are nilpotent
+SILENT_MPS2, SILENT_RADPS = (
+    3.0,
+    0.3,
+)  # 1 sigma of what a vehicle does while the IMU is silent, beyond what it did before
+# of the series: a step is at most 1.5 s, and without the biases' decay the dynamics are nilpotent
+_ORDER = 8
 
 
 def dynamics(attitude: Floats, force_mps2: Floats, bias_s: float) -> Floats:
@@ -43,13 +48,16 @@ def dynamics(attitude: Floats, force_mps2: Floats, bias_s: float) -> Floats:
 def driving(grade: Grade) -> Floats:
     """Return the spectral density of the driving noise, ``(15, 15)``."""
     bias = 2 / grade.bias_s * np.array([grade.accel_bias_mps2, grade.gyro_bias_radps]) ** 2
-    return np.diag(np.repeat([0.0, grade.velocity_random_walk**2, grade.angle_random_walk**2, *bias], 3))
+    return np.diag(
+        np.repeat([0.0, grade.velocity_random_walk**2, grade.angle_random_walk**2, *bias], 3)
+    )
 
 
 def discretised(matrices: Floats, density: Floats, duration_s: Floats) -> tuple[Floats, Floats]:
     """Return transition matrices and process covariances of dx/dt = F x + w, ``(n, 15, 15)`` each.
 
-    Both are Taylor series in the duration, all steps at once: dPhi/dt = F Phi, dQ/dt = F Q + Q F^T + density.
+    Both are Taylor series in the duration, all steps at once: dPhi/dt = F Phi, dQ/dt = F Q + Q F^T
+    + density.
     """
     time = duration_s[:, None, None]
     transition, process = np.tile(np.eye(STATES), (len(matrices), 1, 1)), np.zeros_like(matrices)
@@ -59,23 +67,37 @@ def discretised(matrices: Floats, density: Floats, duration_s: Floats) -> tuple[
         transition = transition + power
         process += derivative * time if order == 1 else derivative
         grown = matrices @ derivative
-        derivative = (grown + grown.swapaxes(1, 2)) * time / (order + 1) * (time if order == 1 else 1.0)
+        derivative = (
+            (grown + grown.swapaxes(1, 2)) * time / (order + 1) * (time if order == 1 else 1.0)
+        )
     return transition, process
 
 
 def model(trajectory: Nominal, grade: Grade) -> tuple[Floats, Floats]:
-    """Return transition matrices and process covariances of a trajectory's steps, ``(n, 15, 15)`` each."""
+    """Return transition matrices and process covariances of a trajectory's steps, ``(n, 15, 15)``
+    each.
+    """
     force = trajectory.velocity_mps / trajectory.duration_s[:, None]
-    transition, process = discretised(dynamics(trajectory.attitude, force, grade.bias_s), driving(grade), trajectory.duration_s)
+    transition, process = discretised(
+        dynamics(trajectory.attitude, force, grade.bias_s), driving(grade), trajectory.duration_s
+    )
     process[trajectory.silent_s > 0] += silence(trajectory.silent_s[trajectory.silent_s > 0])
     return transition, process
 
 
 def silence(silent_s: Floats) -> Floats:
-    """Return the covariance of the states from an acceleration and a rotation that the IMU did not say, ``(n, 15, 15)``."""
+    """Return the covariance of the states from an acceleration and a rotation that the IMU did not
+    say, ``(n, 15, 15)``.
+    """
     effects = np.zeros((silent_s.size, STATES, 6))
-    acceleration, turn = SILENT_MPS2 * silent_s[:, None, None] * np.eye(3), SILENT_RADPS * silent_s[:, None, None] * np.eye(3)
-    effects[:, POSITION, :3], effects[:, VELOCITY, :3] = acceleration * silent_s[:, None, None] / 2, acceleration
+    acceleration, turn = (
+        SILENT_MPS2 * silent_s[:, None, None] * np.eye(3),
+        SILENT_RADPS * silent_s[:, None, None] * np.eye(3),
+    )
+    effects[:, POSITION, :3], effects[:, VELOCITY, :3] = (
+        acceleration * silent_s[:, None, None] / 2,
+        acceleration,
+    )
     effects[:, ATTITUDE, 3:] = turn
     return effects @ effects.swapaxes(1, 2)
 
@@ -83,13 +105,16 @@ def silence(silent_s: Floats) -> Floats:
 def free_motion(trajectory: Nominal, transition: Floats) -> Floats:
     """Return what moves the states without noise, as five columns per step, ``(n, 15, 5)``.
 
-    The first column, to be multiplied by 1, is what the IMU measured and how the attitude was corrected. The second is to be multiplied
-    by gravity, m/s^2, the last three by the rotation of the Earth in the wander frame, rad/s, which the gyros measure and the level
-    frame does not have.
+    The first column, to be multiplied by 1, is what the IMU measured and how the attitude was
+    corrected. The second is to be multiplied by gravity, m/s^2, the last three by the rotation of
+    the Earth in the wander frame, rad/s, which the gyros measure and the level frame does not have.
     """
     time = trajectory.duration_s
     columns = np.zeros((time.size, STATES, 5))
-    columns[:, POSITION, 0], columns[:, VELOCITY, 0] = trajectory.position_m, trajectory.velocity_mps
+    columns[:, POSITION, 0], columns[:, VELOCITY, 0] = (
+        trajectory.position_m,
+        trajectory.velocity_mps,
+    )
     columns[:, ATTITUDE, 0] = -trajectory.correction_rad
     columns[:, 2, 1], columns[:, 5, 1] = time**2 / 2, time
     half = -time[:, None, None] / 2 * np.eye(3)

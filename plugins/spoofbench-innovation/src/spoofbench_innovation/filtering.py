@@ -18,8 +18,13 @@ from spoofbench_innovation.recent import Recent, Same
 
 Floats = NDArray[np.float64]
 
-TILT_RAD, AZIMUTH_RAD = np.radians(2.0), np.radians(5.0)  # 1 sigma of the levelling and of the azimuth at alignment
-_UNKNOWN = 100.0  # variance at alignment of a velocity or height that is not measured, m^2/s^2 or m^2
+TILT_RAD, AZIMUTH_RAD = (
+    np.radians(2.0),
+    np.radians(5.0),
+)  # 1 sigma of the levelling and of the azimuth at alignment
+_UNKNOWN = (
+    100.0  # variance at alignment of a velocity or height that is not measured, m^2/s^2 or m^2
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +46,10 @@ class Settings:
 class Innovations:
     """What the measurements of each epoch were not foreseen by, ``m`` epochs.
 
-    Attributes:
-        value: gamma of position, m, and velocity, m/s, in the wander frame, ``(m, 6)``; NaN where not measured.
-        covariance: S, ``(m, 6, 6)``; rows and columns of what is not measured are those of the identity.
-        run: number of the filter's run, -1 where there is none, ``(m,)``.
+    Attributes: value: gamma of position, m, and velocity, m/s, in the wander frame, ``(m, 6)``; NaN
+        where not measured. covariance: S, ``(m, 6, 6)``; rows and columns of what is not measured
+        are those of the identity. run: number of the filter's run, -1 where there is none,
+        ``(m,)``.
     """
 
     value: Floats
@@ -58,9 +63,13 @@ class Innovations:
 
     @property
     def squared(self) -> Floats:
-        """gamma^T S^-1 gamma, the normalised innovation squared (NIS), ``(m,)``; 0 where nothing is measured."""
+        """gamma^T S^-1 gamma, the normalised innovation squared (NIS), ``(m,)``; 0 where nothing is
+        measured.
+        """
         value = np.nan_to_num(self.value)
-        return np.asarray(np.vecdot(value, np.linalg.solve(self.covariance, value[:, :, None])[:, :, 0]))
+        return np.asarray(
+            np.vecdot(value, np.linalg.solve(self.covariance, value[:, :, None])[:, :, 0])
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,22 +88,33 @@ class Shared:
 
 
 _nominals: Recent[Nominal] = Recent(16 << 20, lambda one: 400 * one.run.size)
-_runs: Recent[Shared] = Recent(128 << 20, lambda one: one.matrices.nbytes + one.motion.nbytes + one.covariance.nbytes)
+_runs: Recent[Shared] = Recent(
+    128 << 20, lambda one: one.matrices.nbytes + one.motion.nbytes + one.covariance.nbytes
+)
 
 
-def _shared(trajectory: Nominal, grade: Grade, steps: slice, initial: Floats, noise: Floats) -> Shared:
-    """Run the covariances over some steps, from these variances of the states, with these of what is measured."""
+def _shared(
+    trajectory: Nominal, grade: Grade, steps: slice, initial: Floats, noise: Floats
+) -> Shared:
+    """Run the covariances over some steps, from these variances of the states, with these of what
+    is measured.
+    """
     part = trajectory.between(steps)
     transition, process = error_model.model(part, grade)
     found = gains.recursion(np.diag(initial), transition, process, noise)
     motion = error_model.free_motion(part, transition)
-    return Shared(gains.block_matrices(transition, found.gain), gains.block_motion(transition, motion), found.innovation)
+    return Shared(
+        gains.block_matrices(transition, found.gain),
+        gains.block_motion(transition, motion),
+        found.innovation,
+    )
 
 
 def innovations(imu: Table, found: Measurements, settings: Settings) -> Innovations:
     """Run the filter over all runs of a recording.
 
-    What depends on the IMU, on the times of the epochs, and on which measurements they have with which variances, is remembered.
+    What depends on the IMU, on the times of the epochs, and on which measurements they have with
+    which variances, is remembered.
     """
     size = found.time_ns.size
     value, covariance = np.full((size, MEASURED), np.nan), np.tile(np.eye(MEASURED), (size, 1, 1))
@@ -102,19 +122,26 @@ def innovations(imu: Table, found: Measurements, settings: Settings) -> Innovati
     if size < 2:
         return Innovations(value, covariance, run)
     key, offset = (Same(imu), found.time_ns.tobytes(), settings), 5 * settings.grade.gyro_bias_radps
-    trajectory = _nominals.get(key, lambda: nominal(imu, found.time_ns, settings.lag_ns, settings.restart_s, offset))
+    trajectory = _nominals.get(
+        key, lambda: nominal(imu, found.time_ns, settings.lag_ns, settings.restart_s, offset)
+    )
     measured_variances = np.where(np.isnan(found.values), np.nan, found.variances)
     for number, start in enumerate(starts(found, trajectory)):
         first = int(trajectory.epoch[start.epoch]) + 1
         epochs = np.flatnonzero((trajectory.epoch >= first) & (trajectory.epoch < start.end))
         steps = trajectory.epoch[epochs] - first
-        values, noise = np.full((start.end - first, MEASURED), np.nan), np.full((start.end - first, MEASURED), np.nan)
+        values, noise = (
+            np.full((start.end - first, MEASURED), np.nan),
+            np.full((start.end - first, MEASURED), np.nan),
+        )
         values[steps], noise[steps] = found.values[epochs], measured_variances[epochs]
         initial = _initial_variances(measured_variances[start.epoch], settings.grade)
         work = partial(_shared, trajectory, settings.grade, slice(first, start.end), initial, noise)
         shared = _runs.get((*key, first, start.end, initial.tobytes(), noise.tobytes()), work)
         state, constants = _start(found, start)
-        value[epochs] = run_filter(shared, values[:, :, None], state[:, None], start.azimuth_rad, constants)[steps, :, 0]
+        value[epochs] = run_filter(
+            shared, values[:, :, None], state[:, None], start.azimuth_rad, constants
+        )[steps, :, 0]
         covariance[epochs], run[epochs] = shared.covariance[steps], number
     return Innovations(value, covariance, run)
 
@@ -122,12 +149,19 @@ def innovations(imu: Table, found: Measurements, settings: Settings) -> Innovati
 def _initial_variances(measured: Floats, grade: Grade) -> Floats:
     level = [TILT_RAD**2, TILT_RAD**2, AZIMUTH_RAD**2]
     return np.concatenate(
-        [np.where(np.isnan(measured), _UNKNOWN, measured), level, [grade.accel_bias_mps2**2] * 3, [grade.gyro_bias_radps**2] * 3]
+        [
+            np.where(np.isnan(measured), _UNKNOWN, measured),
+            level,
+            [grade.accel_bias_mps2**2] * 3,
+            [grade.gyro_bias_radps**2] * 3,
+        ]
     )
 
 
 def _start(found: Measurements, start: Start) -> tuple[Floats, tuple[float, complex, float]]:
-    """Return the state, ``(15,)`` in the wander frame, then gravity and the Earth's rate, north + i east and down."""
+    """Return the state, ``(15,)`` in the wander frame, then gravity and the Earth's rate, north + i
+    east and down.
+    """
     epoch, state = start.epoch, np.zeros(STATES)
     state[:MEASURED] = np.nan_to_num(found.values[epoch])
     velocity = horizontal_velocity(found)[epoch]
@@ -139,18 +173,23 @@ def _start(found: Measurements, start: Start) -> tuple[Floats, tuple[float, comp
     return state, (gravity, EARTH_RATE_RADPS * np.cos(lat), -EARTH_RATE_RADPS * np.sin(lat))
 
 
-def run_filter(shared: Shared, values: Floats, state: Floats, azimuth_rad: float, constants: tuple[float, complex, float]) -> Floats:
-    """Return the innovations of many variants of one recording, wander frame, ``(n, 6, v)``; NaN where nothing is measured.
+def run_filter(
+    shared: Shared,
+    values: Floats,
+    state: Floats,
+    azimuth_rad: float,
+    constants: tuple[float, complex, float],
+) -> Floats:
+    """Return the innovations of many variants of one recording, wander frame, ``(n, 6, v)``; NaN
+    where nothing is measured.
 
-    At the start of each block the estimated error of the azimuth moves into the azimuth, about which alone the trajectory is not
-    levelled; no covariance depends on it.
+    At the start of each block the estimated error of the azimuth moves into the azimuth, about
+    which alone the trajectory is not levelled; no covariance depends on it.
 
-    Args:
-        shared: what the variants share.
-        values: measurements after each step, NED, ``(n, 6, v)``; NaN where there is none, for all variants alike.
-        state: at the start, wander frame, ``(15, v)``.
-        azimuth_rad: of the wander frame at the start.
-        constants: gravity, m/s^2, and the Earth's rate: north + i east and down, rad/s.
+    Args: shared: what the variants share. values: measurements after each step, NED, ``(n, 6, v)``;
+        NaN where there is none, for all variants alike. state: at the start, wander frame, ``(15,
+        v)``. azimuth_rad: of the wander frame at the start. constants: gravity, m/s^2, and the
+        Earth's rate: north + i east and down, rad/s.
     """
     size, _, variants = values.shape
     blocks = len(shared.matrices)
@@ -183,7 +222,9 @@ def run_filter(shared: Shared, values: Floats, state: Floats, azimuth_rad: float
 
 
 def _turned(state: Floats) -> Floats:
-    """Return the state in the wander frame turned by its own error of azimuth, which is then zero."""
+    """Return the state in the wander frame turned by its own error of azimuth, which is then
+    zero.
+    """
     levels = state[:9].reshape(3, 3, -1)
     turned = (levels[:, 0] + 1j * levels[:, 1]) * np.exp(-1j * state[AZIMUTH])
     state = state.copy()

@@ -1,8 +1,9 @@
 """The covariance recursion, and the filter as one matrix per block of steps.
 
-Gains and innovation covariances do not depend on what GNSS measured. With them the filter is linear, so all innovations of a
-block, and the state at its end, are one matrix times the state at its start and the measurements. Whoever runs many variants of a
-recording computes the matrices once.
+Gains and innovation covariances do not depend on what GNSS measured. With them the filter is
+linear, so all innovations of a block, and the state at its end, are one matrix times the state at
+its start and the measurements. Whoever runs many variants of a recording computes the matrices
+once.
 """
 
 from dataclasses import dataclass
@@ -21,9 +22,8 @@ BLOCK = 16
 class Gains:
     """What the covariance recursion gives over ``n`` steps.
 
-    Attributes:
-        gain: L_k, ``(n, 15, 6)``; zero columns where nothing is measured.
-        innovation: S_k, ``(n, 6, 6)``; rows and columns of what is not measured are those of the identity.
+    Attributes: gain: L_k, ``(n, 15, 6)``; zero columns where nothing is measured. innovation: S_k,
+        ``(n, 6, 6)``; rows and columns of what is not measured are those of the identity.
     """
 
     gain: Floats
@@ -31,13 +31,12 @@ class Gains:
 
 
 def recursion(initial: Floats, transition: Floats, process: Floats, noise: Floats) -> Gains:
-    """Run the Kalman filter's covariances over steps, with the updates in Joseph's form, multiplied out for H = [I 0].
+    """Run the Kalman filter's covariances over steps, with the updates in Joseph's form, multiplied
+    out for H = [I 0].
 
-    Args:
-        initial: P_0 before the first step, ``(15, 15)``.
-        transition: ``(n, 15, 15)``.
-        process: ``(n, 15, 15)``.
-        noise: variances of what is measured of ``r v`` at the end of a step, ``(n, 6)``; NaN where it is not.
+    Args: initial: P_0 before the first step, ``(15, 15)``. transition: ``(n, 15, 15)``. process:
+        ``(n, 15, 15)``. noise: variances of what is measured of ``r v`` at the end of a step, ``(n,
+        6)``; NaN where it is not.
     """
     from scipy.linalg.lapack import dposv
 
@@ -45,7 +44,10 @@ def recursion(initial: Floats, transition: Floats, process: Floats, noise: Float
     kept: Floats = measured[:, :, None].astype(np.float64)
     variance = np.where(measured, noise, 0.0)
     count: list[int] = np.count_nonzero(measured, axis=1).tolist()
-    gain, innovation = np.zeros((len(noise), STATES, MEASURED)), np.where(measured, noise, 1.0)[:, None] * np.eye(MEASURED)
+    gain, innovation = (
+        np.zeros((len(noise), STATES, MEASURED)),
+        np.where(measured, noise, 1.0)[:, None] * np.eye(MEASURED),
+    )
     covariance: Floats = initial
     for k, (phi, added) in enumerate(zip(transition, process, strict=True)):
         covariance = phi @ covariance @ phi.T
@@ -70,13 +72,17 @@ def recursion(initial: Floats, transition: Floats, process: Floats, noise: Float
 def block_matrices(transition: Floats, gain: Floats) -> Floats:
     """Return the filter over each block, ``(b, 6 B + 15, 15 + 6 B)`` with B = 16 steps in a block.
 
-    It takes the state at the start and the measurements to the innovations and the state at the end; free motion is not in it. The
-    last block is filled up with steps in which nothing happens.
+    It takes the state at the start and the measurements to the innovations and the state at the
+    end; free motion is not in it. The last block is filled up with steps in which nothing happens.
     """
     blocks = -(-len(gain) // BLOCK)
     missing = blocks * BLOCK - len(gain)
-    phi = np.concatenate([transition, np.tile(np.eye(STATES), (missing, 1, 1))]).reshape(blocks, BLOCK, STATES, STATES)
-    weight = np.concatenate([gain, np.zeros((missing, STATES, MEASURED))]).reshape(blocks, BLOCK, STATES, MEASURED)
+    phi = np.concatenate([transition, np.tile(np.eye(STATES), (missing, 1, 1))]).reshape(
+        blocks, BLOCK, STATES, STATES
+    )
+    weight = np.concatenate([gain, np.zeros((missing, STATES, MEASURED))]).reshape(
+        blocks, BLOCK, STATES, MEASURED
+    )
     width = STATES + MEASURED * BLOCK
     result = np.zeros((blocks, MEASURED * BLOCK + STATES, width))
     state = np.tile(np.eye(STATES, width), (blocks, 1, 1))
@@ -92,14 +98,19 @@ def block_matrices(transition: Floats, gain: Floats) -> Floats:
 
 
 def block_motion(transition: Floats, motion: Floats) -> Floats:
-    """Return the free motion from zero at the start of each block: ``r v`` after each step, all states after the last.
+    """Return the free motion from zero at the start of each block: ``r v`` after each step, all
+    states after the last.
 
     Shape ``(b, 6 B + 15, c)`` for ``motion`` of shape ``(n, 15, c)``.
     """
     blocks = -(-len(motion) // BLOCK)
     missing = blocks * BLOCK - len(motion)
-    phi = np.concatenate([transition, np.tile(np.eye(STATES), (missing, 1, 1))]).reshape(blocks, BLOCK, STATES, STATES)
-    moved = np.concatenate([motion, np.zeros((missing, *motion.shape[1:]))]).reshape(blocks, BLOCK, *motion.shape[1:])
+    phi = np.concatenate([transition, np.tile(np.eye(STATES), (missing, 1, 1))]).reshape(
+        blocks, BLOCK, STATES, STATES
+    )
+    moved = np.concatenate([motion, np.zeros((missing, *motion.shape[1:]))]).reshape(
+        blocks, BLOCK, *motion.shape[1:]
+    )
     result = np.zeros((blocks, MEASURED * BLOCK + STATES, motion.shape[2]))
     state = np.zeros((blocks, STATES, motion.shape[2]))
     for step in range(BLOCK):

@@ -1,6 +1,8 @@
-"""The detector: the innovations of a loosely coupled INS/GNSS filter against a chi-square threshold.
+"""The detector: the innovations of a loosely coupled INS/GNSS filter against a chi-square
+threshold.
 
-Tanil, Khanafseh, Joerger, Pervan: An INS Monitor to Detect GNSS Spoofers Capable of Tracking Vehicle Position, IEEE TAES 54(1), 2018.
+Tanil, Khanafseh, Joerger, Pervan: An INS Monitor to Detect GNSS Spoofers Capable of Tracking
+Vehicle Position, IEEE TAES 54(1), 2018.
 """
 
 from collections.abc import Sequence
@@ -18,36 +20,35 @@ from spoofbench_innovation.measurements import Measurements, measurements
 from spoofbench_innovation.statistics import Statistic, ratio
 
 _DAY_S = 86_400.0
-_RECOVERY_S = 400.0  # after attacks of five minutes on a 43-minute drive single epochs alerted for 160 s at the median, 382 s at most
+# after attacks of five minutes on a 43-minute drive single epochs alerted for 160 s at the median,
+# 382 s at most
+_RECOVERY_S = 400.0
 
 
 @dataclass(frozen=True)
 class InnovationMonitor:
     """Alerts where q = sum of gamma^T S^-1 gamma exceeds T^2; the score is q / (inflation T^2).
 
-    The paper's filter takes code and carrier of each satellite. This one takes a receiver's position and velocity, as recordings
-    have them: the sum of fewer, less precise measurements, whose errors the receiver's own filter has made last. ``p_fa`` is the
-    probability of one test on white innovations of the modelled covariance: of one epoch (``per-epoch``), of one position of the window,
-    which shares most epochs with its neighbours (``windowed``), of the sum at one epoch (``cumulative``). It is no rate over time.
+    The paper's filter takes code and carrier of each satellite. This one takes a receiver's
+    position and velocity, as recordings have them: the sum of fewer, less precise measurements,
+    whose errors the receiver's own filter has made last. ``p_fa`` is the probability of one test on
+    white innovations of the modelled covariance: of one epoch (``per-epoch``), of one position of
+    the window, which shares most epochs with its neighbours (``windowed``), of the sum at one epoch
+    (``cumulative``). It is no rate over time.
 
-    Attributes:
-        statistic: ``windowed``; ``cumulative``, since the alignment, the paper's with a start that no attacker chose; ``per-epoch``.
-        window_s: length of the window.
-        p_fa: of one test, see above.
-        grade: of the IMU: ``consumer``, ``automotive``, ``tactical`` or ``navigation``.
-        velocity_random_walk: m/s/sqrt(s); as all that follow to ``bias_s``, None: that of the grade.
-        angle_random_walk: rad/sqrt(s).
-        accel_bias_mps2: steady-state standard deviation.
-        gyro_bias_radps: likewise.
-        bias_s: time constant of the biases.
-        position_m: standard deviation of a horizontal component of position; vertical is ``vertical_m``.
-        vertical_m: likewise.
-        velocity_mps: standard deviation of a horizontal component of velocity; vertical is ``climb_mps``.
-        climb_mps: likewise.
-        reported: let the receiver's own accuracy, where it is worse, take the place of the four before. A spoofer controls it.
-        inflation: by which the covariance of the innovations is larger than modelled; :meth:`fit` measures it.
-        lag_s: how late the receiver's epochs are against the IMU.
-        restart_s: a longer time without epochs ends the filter's run; it starts anew when aligned.
+    Attributes: statistic: ``windowed``; ``cumulative``, since the alignment, the paper's with a
+        start that no attacker chose; ``per-epoch``. window_s: length of the window. p_fa: of one
+        test, see above. grade: of the IMU: ``consumer``, ``automotive``, ``tactical`` or
+        ``navigation``. velocity_random_walk: m/s/sqrt(s); as all that follow to ``bias_s``, None:
+        that of the grade. angle_random_walk: rad/sqrt(s). accel_bias_mps2: steady-state standard
+        deviation. gyro_bias_radps: likewise. bias_s: time constant of the biases. position_m:
+        standard deviation of a horizontal component of position; vertical is ``vertical_m``.
+        vertical_m: likewise. velocity_mps: standard deviation of a horizontal component of
+        velocity; vertical is ``climb_mps``. climb_mps: likewise. reported: let the receiver's own
+        accuracy, where it is worse, take the place of the four before. A spoofer controls it.
+        inflation: by which the covariance of the innovations is larger than modelled; :meth:`fit`
+        measures it. lag_s: how late the receiver's epochs are against the IMU. restart_s: a longer
+        time without epochs ends the filter's run; it starts anew when aligned.
     """
 
     statistic: Statistic = "windowed"
@@ -74,8 +75,18 @@ class InnovationMonitor:
     def __post_init__(self) -> None:
         for name, kind in (("statistic", Statistic), ("grade", GradeName)):
             if getattr(self, name) not in get_args(kind):
-                raise ValueError(f"{name} must be one of {list(get_args(kind))}, not {getattr(self, name)!r}")
-        positive = ("window_s", "position_m", "vertical_m", "velocity_mps", "climb_mps", "inflation", *_OVERRIDES)
+                raise ValueError(
+                    f"{name} must be one of {list(get_args(kind))}, not {getattr(self, name)!r}"
+                )
+        positive = (
+            "window_s",
+            "position_m",
+            "vertical_m",
+            "velocity_mps",
+            "climb_mps",
+            "inflation",
+            *_OVERRIDES,
+        )
         for name in positive:
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
@@ -83,29 +94,45 @@ class InnovationMonitor:
         if not 0 < self.p_fa < 1:
             raise ValueError(f"p_fa must lie between 0 and 1, not {self.p_fa!r}")
         if not 0 <= self.lag_s < np.inf:
-            raise ValueError(f"lag_s must be 0 or more, or a decision would rest on the future, not {self.lag_s!r}")
+            raise ValueError(
+                "lag_s must be 0 or more, or a decision would rest on the future, not "
+                f"{self.lag_s!r}"
+            )
         if not 2 <= self.restart_s < np.inf:
             raise ValueError(f"restart_s must be finite and at least 2, not {self.restart_s!r}")
 
     @property
     def memory_s(self) -> float:
-        """How long a filter that was led astray takes to come back, and the window; a cumulative sum hardly ever comes back."""
-        return _DAY_S if self.statistic == "cumulative" else _RECOVERY_S + (self.window_s if self.statistic == "windowed" else 0.0)
+        """How long a filter that was led astray takes to come back, and the window; a cumulative
+        sum hardly ever comes back.
+        """
+        return (
+            _DAY_S
+            if self.statistic == "cumulative"
+            else _RECOVERY_S + (self.window_s if self.statistic == "windowed" else 0.0)
+        )
 
     @property
     def imu_errors(self) -> Grade:
         """The error parameters of the IMU: those of its grade, and what is given instead."""
         given = {name: getattr(self, name) for name in _OVERRIDES}
-        return replace(GRADES[self.grade], **{name: value for name, value in given.items() if value is not None})
+        return replace(
+            GRADES[self.grade],
+            **{name: value for name, value in given.items() if value is not None},
+        )
 
     def detect(self, recording: Recording) -> Decisions:
-        """Return a decision per epoch of the primary receiver, available where the filter is aligned and the epoch measures something.
+        """Return a decision per epoch of the primary receiver, available where the filter is
+        aligned and the epoch measures something.
 
         Raises:
             RecordingError: a required kind is missing.
         """
         found, filtered = self.filtered(recording)
-        score = ratio(found.time_ns, filtered, self.statistic, self.window_s, self.p_fa) / self.inflation
+        score = (
+            ratio(found.time_ns, filtered, self.statistic, self.window_s, self.p_fa)
+            / self.inflation
+        )
         return Decisions(found.time_ns, score, ~np.isnan(score))
 
     def filtered(self, recording: Recording) -> tuple[Measurements, Innovations]:
@@ -120,10 +147,11 @@ class InnovationMonitor:
         return found, innovations(recording.primary("imu"), found, settings)
 
     def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:  # noqa: ARG002, what is attacked says nothing of noise
-        """Return the monitor whose ``inflation`` is the mean of the normalised innovations squared of clean recordings.
+        """Return the monitor whose ``inflation`` is the mean of the normalised innovations squared
+        of clean recordings.
 
-        It is at least 1: a mean below it comes of position errors that last, so that a filter soon foresees them. The variance
-        that covers them must stay.
+        It is at least 1: a mean below it comes of position errors that last, so that a filter soon
+        foresees them. The variance that covers them must stay.
 
         Raises:
             RecordingError: there is no clean recording on which the filter can be aligned.
@@ -134,8 +162,17 @@ class InnovationMonitor:
             squared += float(filtered.squared[filtered.run >= 0].sum())
             degrees += int(filtered.measured[filtered.run >= 0].sum())
         if not degrees:
-            raise RecordingError("the innovation monitor cannot be fitted: no clean recording has enough motion to align it")
+            raise RecordingError(
+                "the innovation monitor cannot be fitted: no clean recording has enough motion to "
+                "align it"
+            )
         return replace(self, inflation=max(1.0, squared / degrees))
 
 
-_OVERRIDES = ("velocity_random_walk", "angle_random_walk", "accel_bias_mps2", "gyro_bias_radps", "bias_s")
+_OVERRIDES = (
+    "velocity_random_walk",
+    "angle_random_walk",
+    "accel_bias_mps2",
+    "gyro_bias_radps",
+    "bias_s",
+)

@@ -1,7 +1,9 @@
-"""The IMU between two times: increments of attitude, velocity and position in the body frame at the first.
+"""The IMU between two times: increments of attitude, velocity and position in the body frame at the
+first.
 
-All intervals are integrated at once, sample after sample. A row stands for the time since the row before it, as an average over
-it; from the last row to the end of an interval that row is held, since the next one may lie in the future.
+All intervals are integrated at once, sample after sample. A row stands for the time since the row
+before it, as an average over it; from the last row to the end of an interval that row is held,
+since the next one may lie in the future.
 """
 
 from dataclasses import dataclass
@@ -23,14 +25,11 @@ _ABSURD = 1e4  # m/s^2 or rad/s, which no vehicle does
 class Increments:
     """What the IMU measured over ``n`` intervals, in the body frame at the start of each.
 
-    Attributes:
-        duration_s: ``(n,)``.
-        silent_s: how much of it lies in gaps of the rows that are bridged, ``(n,)``.
-        known: whether rows cover the interval, ``(n,)``; the others hold zeros.
-        rotation: matrix that takes vectors from the body at the end to the body at the start, ``(n, 3, 3)``.
-        mean_rotation: its mean over the interval, ``(n, 3, 3)``.
-        velocity_mps: integral of the specific force, ``(n, 3)``.
-        position_m: integral of that, ``(n, 3)``.
+    Attributes: duration_s: ``(n,)``. silent_s: how much of it lies in gaps of the rows that are
+        bridged, ``(n,)``. known: whether rows cover the interval, ``(n,)``; the others hold zeros.
+        rotation: matrix that takes vectors from the body at the end to the body at the start, ``(n,
+        3, 3)``. mean_rotation: its mean over the interval, ``(n, 3, 3)``. velocity_mps: integral of
+        the specific force, ``(n, 3)``. position_m: integral of that, ``(n, 3)``.
     """
 
     duration_s: Floats
@@ -51,12 +50,19 @@ def increments(imu: Table, start_ns: Times, end_ns: Times, longest_s: float) -> 
         end_ns: ``(n,)``, after ``start_ns``.
         longest_s: a longer interval is not integrated and counts as unknown.
     """
-    names = [f"{sensor}_{axis}_{unit}" for sensor, unit in (("accel", "mps2"), ("gyro", "radps")) for axis in "xyz"]
+    names = [
+        f"{sensor}_{axis}_{unit}"
+        for sensor, unit in (("accel", "mps2"), ("gyro", "radps"))
+        for axis in "xyz"
+    ]
     complete = np.all([np.abs(imu[name]) < _ABSURD for name in names], axis=0)
     time_ns = imu.time_ns[complete]
     values = np.column_stack([imu[name][complete] for name in names]).astype(np.float64)
     duration_s = (end_ns - start_ns).astype(np.float64) * 1e-9
-    first, last = np.searchsorted(time_ns, start_ns, "right"), np.searchsorted(time_ns, end_ns, "right") - 1
+    first, last = (
+        np.searchsorted(time_ns, start_ns, "right"),
+        np.searchsorted(time_ns, end_ns, "right") - 1,
+    )
     known = _covered(time_ns, start_ns, end_ns, last) & (duration_s <= longest_s)
     count = np.where(known, last - first + 1, -1)
 
@@ -82,8 +88,12 @@ def increments(imu: Table, start_ns: Times, end_ns: Times, longest_s: float) -> 
     return Increments(duration_s, silent, known, rotation, mean, velocity, position)
 
 
-def _covered(time_ns: Times, start_ns: Times, end_ns: Times, last: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Whether no gap too long to be bridged lies between the last rows before the two ends of an interval, nor after the latter."""
+def _covered(
+    time_ns: Times, start_ns: Times, end_ns: Times, last: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Whether no gap too long to be bridged lies between the last rows before the two ends of an
+    interval, nor after the latter.
+    """
     if not time_ns.size:
         return np.zeros(start_ns.size, bool)
     before = np.searchsorted(time_ns, start_ns, "right") - 1
@@ -94,18 +104,31 @@ def _covered(time_ns: Times, start_ns: Times, end_ns: Times, last: NDArray[np.in
 
 
 def rotations(angle_rad: Floats) -> Floats:
-    """Return the rotation matrices of rotation vectors, ``(..., 3)`` to ``(..., 3, 3)`` (Rodrigues)."""
+    """Return the rotation matrices of rotation vectors, ``(..., 3)`` to ``(..., 3, 3)``
+    (Rodrigues).
+    """
     square = np.sum(angle_rad**2, axis=-1)[..., None, None]
     angle = np.sqrt(square)
     cross = cross_matrices(angle_rad)
-    turn: Floats = np.eye(3) + np.sinc(angle / np.pi) * cross + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * (cross @ cross)
+    turn: Floats = (
+        np.eye(3)
+        + np.sinc(angle / np.pi) * cross
+        + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * (cross @ cross)
+    )
     return turn
 
 
 def rotation_vectors(turn: Floats) -> Floats:
-    """Return the rotation vectors of rotations by less than a half turn, ``(..., 3, 3)`` to ``(..., 3)``."""
+    """Return the rotation vectors of rotations by less than a half turn, ``(..., 3, 3)`` to ``(...,
+    3)``.
+    """
     twice_sine = np.stack(
-        [turn[..., 2, 1] - turn[..., 1, 2], turn[..., 0, 2] - turn[..., 2, 0], turn[..., 1, 0] - turn[..., 0, 1]], axis=-1
+        [
+            turn[..., 2, 1] - turn[..., 1, 2],
+            turn[..., 0, 2] - turn[..., 2, 0],
+            turn[..., 1, 0] - turn[..., 0, 1],
+        ],
+        axis=-1,
     )
     angle = np.arccos(np.clip((np.trace(turn, axis1=-2, axis2=-1) - 1) / 2, -1, 1))
     return np.asarray(twice_sine / (2 * np.sinc(angle / np.pi)[..., None]))

@@ -11,7 +11,9 @@ T = TypeVar("T")
 
 
 class Same:
-    """A table as a key: equal if it is the same object, which the key keeps alive. Tables cannot change."""
+    """A table as a key: equal if it is the same object, which the key keeps alive. Tables cannot
+    change.
+    """
 
     def __init__(self, table: Table) -> None:
         self.table = table
@@ -24,7 +26,9 @@ class Same:
 
 
 class Recent(Generic[T]):
-    """The results last used, by key, of up to so many bytes in all; the newest is kept whatever its size."""
+    """The results last used, by key, of up to so many bytes in all; the newest is kept whatever its
+    size.
+    """
 
     def __init__(self, limit_bytes: int, size_bytes: Callable[[T], int]) -> None:
         self._limit, self._size = limit_bytes, size_bytes
@@ -32,7 +36,9 @@ class Recent(Generic[T]):
         self._lock = threading.Lock()
 
     def get(self, key: Hashable, make: Callable[[], T]) -> T:
-        """Return what is remembered under a key, or make it. The key must hold all that the result depends on."""
+        """Return what is remembered under a key, or make it. The key must hold all that the result
+        depends on.
+        """
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)

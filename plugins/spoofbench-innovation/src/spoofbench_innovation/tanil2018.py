@@ -1,7 +1,8 @@
-"""Tanil et al. 2018, Figs 3-7: the integrity risk of a worst-case attack on a B747's final approach.
+"""Tanil et al. 2018, Figs 3-7: the integrity risk of a worst-case attack on a B747's final
+approach.
 
-Two scenarios: C, whose geometry and warm-up are tuned so that the printed numbers come out, and N, an ordinary
-geometry, where only trends can be compared.
+Two scenarios: C, whose geometry and warm-up are tuned so that the printed numbers come out, and N,
+an ordinary geometry, where only trends can be compared.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,7 +13,16 @@ from typing import Any
 import numpy as np
 
 from spoofbench.assessing import draw_risk
-from spoofbench.integrity import Run, Scenario, monitor_of, monitored, published, studies, worst_case, worst_fault
+from spoofbench.integrity import (
+    Run,
+    Scenario,
+    monitor_of,
+    monitored,
+    published,
+    studies,
+    worst_case,
+    worst_fault,
+)
 from spoofbench.integrity.aircraft import altitude_autopilot, boeing_747
 from spoofbench.integrity.closed_loop import Response, respond
 from spoofbench.integrity.model import ALTITUDE
@@ -22,7 +32,8 @@ from spoofbench_innovation.tanil_cells import cells
 
 TITLE = "Tanil et al. 2018: an INS monitor against spoofers that track the vehicle"
 PAPER = (
-    "C. Tanil, S. Khanafseh, M. Joerger, B. Pervan: An INS Monitor to Detect GNSS Spoofers Capable of Tracking Vehicle Position, "
+    "C. Tanil, S. Khanafseh, M. Joerger, B. Pervan: An INS Monitor to Detect GNSS Spoofers "
+    "Capable of Tracking Vehicle Position, "
     "IEEE Transactions on Aerospace and Electronic Systems 54(1), 2018."
 )
 
@@ -38,12 +49,16 @@ SAMPLES = (studies.PAPER_SAMPLES, studies.ENOUGH_SAMPLES)
 
 
 def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> Reproduced:
-    """Write ``fig3`` to ``fig7`` and ``late`` as Parquet and as pictures; see :class:`spoofbench.reproducing.Reproduction`."""
+    """Write ``fig3`` to ``fig7`` and ``late`` as Parquet and as pictures; see
+    :class:`spoofbench.reproducing.Reproduction`.
+    """
     del data
     rates, periods = ((1.0, 2.0), (130, 135, 140, 210)) if quick else (RATES_HZ, PERIODS_S)
     sigmas = (0.0, 0.003, 0.004) if quick else SIGMAS_M
     delays = (0, 20, 60) if quick else DELAYS_S
-    tables: dict[str, list[Mapping[str, Sequence[Any]]]] = {name: [] for name in ("fig3", "fig4", "fig6", "fig7", "late")}
+    tables: dict[str, list[Mapping[str, Sequence[Any]]]] = {
+        name: [] for name in ("fig3", "fig4", "fig6", "fig7", "late")
+    }
     for place, name in enumerate(SCENARIOS):
         scenario = published(f"tanil2018-{name}")
         run = monitored(scenario, max(PERIODS_S))
@@ -68,20 +83,34 @@ def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> 
 
 NOTES = (
     (
-        "C is calibrated: satellite geometry and warm-up, on which the paper is silent, were tuned until its numbers came out. "
-        "Agreement of C with the printed numbers is therefore no confirmation of them; agreement of trends is."
+        "C is calibrated: satellite geometry and warm-up, on which the paper is silent, were "
+        "tuned until its numbers came out. "
+        "Agreement of C with the printed numbers is therefore no confirmation of them; agreement "
+        "of trends is."
     ),
     (
-        "The estimator cannot have reached a steady state: with constant ambiguities the vertical deviation falls like 1/sqrt(t). "
+        "The estimator cannot have reached a steady state: with constant ambiguities the vertical "
+        "deviation falls like 1/sqrt(t). "
         "A finite warm-up is implied."
     ),
-    "The plateau with the GNSS rate does not come out: rho hardly depends on the rate, and the degrees of freedom make the risk grow.",
     (
-        f"The paper averages over {studies.PAPER_SAMPLES} samples of the tracking error, biased low by orders of magnitude beyond 3 mm: "
-        f"fig6.parquet has the exact value beside {studies.PAPER_SAMPLES} and {studies.ENOUGH_SAMPLES} samples."
+        "The plateau with the GNSS rate does not come out: rho hardly depends on the rate, and the "
+        "degrees of freedom make the risk grow."
     ),
-    "Eq (75) as printed has a misplaced inverse, and Eq (33) leaves out gravity and Coriolis terms; both are corrected here.",
-    "The autopilot's gains are not published; ours is a linear quadratic regulator. Nothing but Fig 5 depends on it.",
+    (
+        f"The paper averages over {studies.PAPER_SAMPLES} samples of the tracking error, biased "
+        "low by orders of magnitude beyond 3 mm: "
+        f"fig6.parquet has the exact value beside {studies.PAPER_SAMPLES} and "
+        f"{studies.ENOUGH_SAMPLES} samples."
+    ),
+    (
+        "Eq (75) as printed has a misplaced inverse, and Eq (33) leaves out gravity and Coriolis "
+        "terms; both are corrected here."
+    ),
+    (
+        "The autopilot's gains are not published; ours is a linear quadratic regulator. Nothing "
+        "but Fig 5 depends on it."
+    ),
 )
 
 
@@ -100,7 +129,10 @@ def _worst(scenario: Scenario, run: Run) -> studies.Columns:
 
 
 def _late(scenario: Scenario, run: Run) -> studies.Columns:
-    parts = [studies.late_slopes(run.until(scenario.epochs(period)), LATE_EPOCHS) for period in (scenario.period_s, DETECTOR_WINDOW_S)]
+    parts = [
+        studies.late_slopes(run.until(scenario.epochs(period)), LATE_EPOCHS)
+        for period in (scenario.period_s, DETECTOR_WINDOW_S)
+    ]
     return _joined(parts)
 
 
@@ -121,8 +153,12 @@ def _joined(parts: Sequence[Mapping[str, Sequence[Any]]]) -> dict[str, list[Any]
     return {name: [value for part in parts for value in part[name]] for name in parts[0]}
 
 
-def _drawn(out: Path, tables: Mapping[str, Mapping[str, Sequence[Any]]], motion: Mapping[int, Response]) -> list[Picture]:
-    altitudes = {period: (-r.state[:, ALTITUDE], -r.error[:, ALTITUDE]) for period, r in motion.items()}
+def _drawn(
+    out: Path, tables: Mapping[str, Mapping[str, Sequence[Any]]], motion: Mapping[int, Response]
+) -> list[Picture]:
+    altitudes = {
+        period: (-r.state[:, ALTITUDE], -r.error[:, ALTITUDE]) for period, r in motion.items()
+    }
     fig3 = {name: values[0] for name, values in tables["fig3"].items()}
     pictures.failure_mode(out / "fig3", fig3, published("tanil2018-C"))
     draw_risk(out / "fig4", tables["fig4"], ("period_s", "attack period, s"), ("rate_hz", "Hz"))
@@ -133,15 +169,43 @@ def _drawn(out: Path, tables: Mapping[str, Mapping[str, Sequence[Any]]], motion:
     draw_risk(out / "fig7", tables["fig7"], ("delay_s", "attack delay, s"), ("sigma_mm", "mm"))
     return [
         Picture(
-            "fig3", "Fig 3, scenario C: the failure-mode slope, the worst-case fault (+) and lines of constant joint density about it."
+            "fig3",
+            (
+                "Fig 3, scenario C: the failure-mode slope, the worst-case fault (+) and lines of "
+                "constant joint density about it."
+            ),
         ),
-        Picture("fig4", "Fig 4: integrity risk over the attack period, by GNSS rate; perfect tracking."),
         Picture(
-            "fig5", "Fig 5, scenario C: the aircraft's altitude and the error of its estimate mirror each other; faults scaled to 10 m."
+            "fig4", "Fig 4: integrity risk over the attack period, by GNSS rate; perfect tracking."
         ),
-        Picture("fig6", "Fig 6: integrity risk over the attack period, by altitude tracking error (1 sigma), averaged exactly; 2 Hz."),
-        Picture("fig6-samples", "What averaging over 20 samples does to Fig 6: log10 of the risk, sampled minus exact, 140 s."),
-        Picture("fig7", "Fig 7: integrity risk over the attack's delay, by tracking error; the detector starts 200 s before landing."),
+        Picture(
+            "fig5",
+            (
+                "Fig 5, scenario C: the aircraft's altitude and the error of its estimate mirror "
+                "each other; faults scaled to 10 m."
+            ),
+        ),
+        Picture(
+            "fig6",
+            (
+                "Fig 6: integrity risk over the attack period, by altitude tracking error (1 "
+                "sigma), averaged exactly; 2 Hz."
+            ),
+        ),
+        Picture(
+            "fig6-samples",
+            (
+                "What averaging over 20 samples does to Fig 6: log10 of the risk, sampled minus "
+                "exact, 140 s."
+            ),
+        ),
+        Picture(
+            "fig7",
+            (
+                "Fig 7: integrity risk over the attack's delay, by tracking error; the detector "
+                "starts 200 s before landing."
+            ),
+        ),
     ]
 
 
