@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from spoofbench.converting import convert
+from spoofbench.conversion import convert
 from spoofbench.demo import drive_bag
 from spoofbench.errors import SpoofbenchError
 

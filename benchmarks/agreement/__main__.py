@@ -12,8 +12,8 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from benchmarks.agreement import gpsd, showing
-from benchmarks.agreement.comparing import compare
+from benchmarks.agreement import gpsd, show
+from benchmarks.agreement.compare import compare
 from benchmarks.agreement.logs import Log, logs
 from benchmarks.agreement.ours import as_dict, converted
 
@@ -39,18 +39,18 @@ def main() -> None:
         for one, agreed in pool.map(_entry, chosen):
             entries.append(one)
             agreements += [agreed] if agreed else []
-    closing = list(showing.summary(entries, agreements))
-    for line in (*showing.table(entries), "", *closing):
+    closing = list(show.summary(entries, agreements))
+    for line in (*show.table(entries), "", *closing):
         print(line)
     if arguments.out:
-        showing.save(entries, closing, arguments.out)
+        show.save(entries, closing, arguments.out)
 
 
 def _entry(log: Log) -> tuple[dict[str, Any], gpsd.Agreement | None]:
     with tempfile.TemporaryDirectory() as folder:
         ours = converted(log, Path(folder, "log.mcap"))
         said, agreed = compare(log, ours)
-        return showing.entry(log.name, as_dict(ours), said, agreed), agreed
+        return show.entry(log.name, as_dict(ours), said, agreed), agreed
 
 
 if __name__ == "__main__":

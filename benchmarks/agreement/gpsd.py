@@ -33,9 +33,9 @@ class Agreement:
     """One log's agreement: epochs that gpsd has with a time, those of them in which we have the
     same time, and differences there.
 
-    Attributes: differences: by ``position_m``, ``height_m``, ``height_msl_m``, ``speed_mps``,
-        ``course_deg``: absolute, one per epoch that
-            has both.
+    Attributes:
+        differences: by ``position_m``, ``height_m``, ``height_msl_m``, ``speed_mps``,
+            ``course_deg``: absolute, one per epoch that has both.
         modes: epochs in which gpsd has a fix and we have no position, and the reverse.
         satellites: distinct (constellation, number, elevation, azimuth, C/N0) that both have, that
             gpsd alone has, that we alone have.

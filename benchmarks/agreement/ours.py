@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.agreement.logs import Log
 from spoofbench.codec import read
-from spoofbench.converting import Ledger, Source, convert
+from spoofbench.conversion import Ledger, Source, convert
 from spoofbench.errors import SpoofbenchError
 from spoofbench.recording import Recording, Table
 
@@ -72,8 +72,8 @@ def frames_found(path: Path, piece_bytes: int = 4 * 2**20) -> Counter[bytes]:
     """Return the UBX frames and sentences that our demultiplexer finds in pieces of this size, each
     by its bytes.
     """
-    from spoofbench_converters.stream.demux import demultiplex
-    from spoofbench_converters.stream.stamps import Stamps
+    from spoofbench_converters.serial.demux import demultiplex
+    from spoofbench_converters.serial.stamps import Stamps
 
     found: Counter[bytes] = Counter()
     source = Source.of(path)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.fuzz.reference import frames
-from spoofbench.converting import Source
+from spoofbench.conversion import Source
 from spoofbench.errors import SpoofbenchError
 
 _LINE = re.compile(rb"[$!][^\r\n]*")

@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 from benchmarks.agreement.logs import logs
 from benchmarks.agreement.ours import REFERENCE_DATE
 from benchmarks.fuzz.seeds import made
-from spoofbench.converting import convert
+from spoofbench.conversion import convert
 from spoofbench.demo import demonstrate
 from spoofbench.errors import SpoofbenchError
 

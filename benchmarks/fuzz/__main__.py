@@ -19,7 +19,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.fuzz.driving import Found, fuzz
+from benchmarks.fuzz.drive import Found, fuzz
 from benchmarks.fuzz.seeds import seeds
 from benchmarks.fuzz.targets import check, names
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.fuzz.mutating import MOST_BYTES, sentence, ubx
+from benchmarks.fuzz.mutate import MOST_BYTES, sentence, ubx
 from spoofbench.codec import write
 from spoofbench.testing import drive
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from benchmarks.fuzz.reference import frames
 from spoofbench import plugins
 from spoofbench.codec import read, validate
-from spoofbench.converting import Source
+from spoofbench.conversion import Source
 from spoofbench.errors import SpoofbenchError
 from spoofbench.testing.converter_subject import Outcome, Subject, TrickledSource, differing
 
@@ -31,8 +31,9 @@ def check(target: str, path: Path, turn: int) -> None:
     Args:
         turn: number of the input; every eighth is also read in small pieces.
 
-    Raises: Exception: whatever is not allowed: a law does not hold, or the target raises what is no
-        SpoofbenchError.
+    Raises:
+        Exception: whatever is not allowed: a law does not hold, or the target raises what is no
+            SpoofbenchError.
     """
     if target == MCAP:
         _check_mcap(path)

@@ -23,7 +23,7 @@ from spoofbench_acceleration.monitor import Axis, Origin
 from spoofbench_acceleration.statistics import exponential_average
 
 from spoofbench import codec
-from spoofbench.detecting import detect
+from spoofbench.detector import detect
 from spoofbench.errors import SpoofbenchError
 from spoofbench.recording import Recording
 

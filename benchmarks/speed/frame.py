@@ -16,11 +16,17 @@ from typing import Any
 class Job:
     """One piece of work that we and peers do.
 
-    Attributes: name: of the job. timed: what is timed, in one line. ours: does the work and returns
-        what came of it. peers: by name, the same. missing: peers that are not installed. check: is
-        given our result and a peer's, once before timing, and raises where they do not agree.
-        prepare: what to do before each turn, untimed. parts: by peer, the share of the work that it
-        does, where the whole would take it too long; its time is divided by that.
+    Attributes:
+        name: of the job.
+        timed: what is timed, in one line.
+        ours: does the work and returns what came of it.
+        peers: by name, the same.
+        missing: peers that are not installed.
+        check: is given our result and a peer's, once before timing, and raises where they do not
+            agree.
+        prepare: what to do before each turn, untimed.
+        parts: by peer, the share of the work that it does, where the whole would take it too long;
+            its time is divided by that.
     """
 
     name: str

@@ -27,7 +27,7 @@ def imu_rows() -> tuple[str, Table]:
     """
     spec = find_spec("pntos_cobra_datasets_ros")
     if spec is not None and spec.submodule_search_locations:
-        from spoofbench.converting import convert
+        from spoofbench.conversion import convert
 
         with tempfile.TemporaryDirectory() as folder:
             convert(

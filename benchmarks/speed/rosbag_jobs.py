@@ -26,7 +26,7 @@ from spoofbench_converters.rosbag import aspn23
 
 from benchmarks.speed.frame import Job
 from spoofbench.codec import read
-from spoofbench.converting import Block, Source, convert
+from spoofbench.conversion import Block, Source, convert
 from spoofbench.schema.v1.gnss_pb2 import Pvt
 from spoofbench.schema.v1.imu_pb2 import Imu
 from spoofbench.schema.v1.ins_pb2 import Pva

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.fuzz.seeds import nmea_lines, ubx_log
-from spoofbench.converting import Block, Source, convert
+from spoofbench.conversion import Block, Source, convert
 
 BYTES = 50_000_000
 _DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nmea_ubx"

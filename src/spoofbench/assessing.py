@@ -47,8 +47,10 @@ def assess(path: Path, out: Path, progress: Callable[[float], None]) -> dict[str
         out: the folder.
         progress: is told the share that is done, 0 to 1.
 
-    Raises: ScenarioError: the scenario cannot be read or makes no sense, or its attack has too many
-        epochs. ResultsError: the folder cannot be made, or a file not written.
+    Raises:
+        ScenarioError: the scenario cannot be read or makes no sense, or its attack has too many
+            epochs.
+        ResultsError: the folder cannot be made, or a file not written.
     """
     scenario = load_scenario(path)
     if scenario.epochs() > MOST_EPOCHS:

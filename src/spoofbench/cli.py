@@ -97,9 +97,9 @@ def convert(
     as_json: AsJson = False,
 ) -> None:
     """Convert raw logs and account for every part."""
-    from spoofbench.converting.many import Request, convert_job, convert_many
-    from spoofbench.converting.planning import plan
-    from spoofbench.converting.telling import as_rows, as_table
+    from spoofbench.conversion.batch import Request, convert_job, convert_many
+    from spoofbench.conversion.planning import plan
+    from spoofbench.conversion.telling import as_rows, as_table
 
     named = {
         "date": date,
@@ -146,7 +146,7 @@ def convert(
 @app.command()
 def info(file: Path, as_json: AsJson = False) -> None:
     """Say what a recording holds."""
-    from spoofbench.summary import as_dict, as_text, summarise
+    from spoofbench.info import as_dict, as_text, summarise
 
     summary = summarise(file)
     if as_json:

@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from spoofbench.attacks.files import attack_file
-from spoofbench.converting import convert
+from spoofbench.conversion import convert
 from spoofbench.errors import SpoofbenchError
 from spoofbench.report import write_site
 from spoofbench.runner import run

@@ -22,23 +22,28 @@ Metadata = Mapping[str, Mapping[str, str]]
 may stand beside them.
 
 recording       ``schema_version``; ``session_id``: recordings of one session share it; ``clock``:
-                what ``time_ns`` is told by: ``sensor`` (the devices, when they measured),
-                ``recorder`` (the host, when it received) or ``gnss`` (there was no clock: the first
-                valid claimed time and nominal intervals); ``clock_steps`` as JSON and
-                ``clock_step_count``: where the log's clock stepped and the axis did not follow;
-                ``reference_date`` and ``week_rollover`` as the user gave them; ``leap_seconds`` as
-                the log told them; ``times_without_zone``: stamps that were not used
-primary         by kind, the source that a detector gets when it asks for that kind source/<name>
-``topic``: where the log had it; ``device``; ``axes``: where x, y and z of a sensor point, such as
-``frd``;
+                what ``time_ns`` is told by:
+                ``sensor`` (the devices, when they measured), ``recorder`` (the host, when it
+                received) or ``gnss`` (there was no
+                clock: the first valid claimed time and nominal intervals); ``clock_steps`` as JSON
+                and ``clock_step_count``:
+                where the log's clock stepped and the axis did not follow; ``reference_date`` and
+                ``week_rollover`` as the user
+                gave them; ``leap_seconds`` as the log told them; ``times_without_zone``: stamps
+                that were not used
+primary         by kind, the source that a detector gets when it asks for that kind
+source/<name>   ``topic``: where the log had it; ``device``; ``axes``: where x, y and z of a sensor
+                point, such as ``frd``;
                 ``interval_s`` of an IMU's averages; ``antenna_position_m``; ``time_basis``,
-                ``counter_offset_s`` and ``counter_spread_s`` of a sensor's own counter laid on the
-                axis; ``header_offset_s`` of a message's stamp; ``solution``: ``gnss``, or ``fused``
-                with inertial sensors; ``<key>_basis``: how the converter knows. That of the
-                reference is ``source/reference``
+                ``counter_offset_s`` and
+                ``counter_spread_s`` of a sensor's own counter laid on the axis; ``header_offset_s``
+                of a message's stamp;
+                ``solution``: ``gnss``, or ``fused`` with inertial sensors; ``<key>_basis``: how the
+                converter knows. That of the reference is ``source/reference``
 origin          ``file``, ``size``, ``sha256`` of the log; ``converter``, its ``converter_version``
-                and ``converter_distribution``, ``options`` as JSON
-ledger          :meth:`spoofbench.converting.Ledger.as_metadata`
+                and ``converter_distribution``,
+                ``options`` as JSON
+ledger          :meth:`spoofbench.conversion.Ledger.as_metadata`
 unread          by topic, what a file's messages are that are no rows of ours; reading gives it
 damage          ``truncated`` and ``lost_bytes`` of a file that was cut off; reading gives it
 """
@@ -115,11 +120,15 @@ class Table(Mapping[str, NDArray[Any]]):
     absent, zeros where an absent number, flag or enum is masked by :meth:`valid`, codes into
     :meth:`words` for text.
 
-    Args: kind: name of a kind of the schema. time_ns: int64 ``(n,)``, non-decreasing. columns: by
-        field name; an array, a :class:`Column`, or for text a sequence of ``str | None``.
+    Args:
+        kind: name of a kind of the schema.
+        time_ns: int64 ``(n,)``, non-decreasing.
+        columns: by field name; an array, a :class:`Column`, or for text a sequence of ``str |
+            None``.
 
-    Raises: RecordingError: unknown kind or field, shapes that differ, values that do not fit, or
-        time running backwards.
+    Raises:
+        RecordingError: unknown kind or field, shapes that differ, values that do not fit, or time
+            running backwards.
     """
 
     __slots__ = ("_columns", "kind", "time_ns")
@@ -288,9 +297,10 @@ class Table(Mapping[str, NDArray[Any]]):
 class Recording(Mapping[str, Table]):
     """Tables by topic, loaded when first used, and metadata.
 
-    Args: tables: by topic; a table, or a function without arguments that returns it. metadata:
-        records of text by name. ``primary`` gives the source of each kind that a detector gets
-            when it asks for that kind.
+    Args:
+        tables: by topic; a table, or a function without arguments that returns it.
+        metadata: records of text by name. ``primary`` gives the source of each kind that a detector
+            gets when it asks for that kind.
 
     Raises:
         RecordingError: a topic is not one of the schema.

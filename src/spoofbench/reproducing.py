@@ -28,11 +28,12 @@ Progress = Callable[[float], None]
 class Cell:
     """One thing that a paper prints.
 
-    Attributes: item: where the paper prints it, and what it is. printed: its value, None where the
-        paper shows a trend alone. ours: our value; ``lo`` and ``hi`` its interval over seeds, None
-        where nothing is random. verdict: ``matches`` with nothing tuned; ``matches after
-        calibration`` where something that the paper does not say
-            was chosen so that it does; ``trend only``; ``not reproduced``.
+    Attributes:
+        item: where the paper prints it, and what it is.
+        printed: its value, None where the paper shows a trend alone.
+        ours: our value; ``lo`` and ``hi`` its interval over seeds, None where nothing is random.
+        verdict: ``matches`` with nothing tuned; ``matches after calibration`` where something that
+            the paper does not say was chosen so that it does; ``trend only``; ``not reproduced``.
         reason: what the verdict rests on, in a sentence.
     """
 
@@ -78,9 +79,12 @@ class Reproduction(Protocol):
     ) -> Reproduced:
         """Write Parquet files and pictures into ``out``.
 
-        Args: out: folder, which exists. data: folder of further logs, where there is one; what
-            needs an absent log is left out and noted. quick: a short form with fewer seeds, for
-            tests. progress: is told the share that is done, 0 to 1.
+        Args:
+            out: folder, which exists.
+            data: folder of further logs, where there is one; what needs an absent log is left out
+                and noted.
+            quick: a short form with fewer seeds, for tests.
+            progress: is told the share that is done, 0 to 1.
         """
         ...
 

@@ -24,7 +24,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.errors import PluginError, RecordingError, ResultsError
 from spoofbench.recording import Interval
 
@@ -77,13 +77,17 @@ _KNOWN = [field.name for field in fields(Task) if NoneType not in get_args(field
 class Truth:
     """The scoring grid of a variant, arrays ``(n,)``, and its attack intervals.
 
-    Attributes: time_ns: epochs of the variant's primary PVT, and the nominal epochs inside its
-        gaps. observed: whether the variant has a row there (else a nominal epoch). spoofed: within
-        an attack interval. guard: within 10 s after one, where an epoch is neither clean nor
-        spoofed (a detector's ``memory_s`` may extend it). lat_deg, lon_deg: as the variant says;
-        NaN at nominal epochs. clean_lat_deg, clean_lon_deg: as the clean recording says.
-        position_error_m: 3-D distance of the two, NaN where either is absent. velocity_error_mps:
-        norm of the difference of the two velocities. epoch_ns: nominal interval of the grid.
+    Attributes:
+        time_ns: epochs of the variant's primary PVT, and the nominal epochs inside its gaps.
+        observed: whether the variant has a row there (else a nominal epoch).
+        spoofed: within an attack interval.
+        guard: within 10 s after one, where an epoch is neither clean nor spoofed (a detector's
+            ``memory_s`` may extend it).
+        lat_deg, lon_deg: as the variant says; NaN at nominal epochs.
+        clean_lat_deg, clean_lon_deg: as the clean recording says.
+        position_error_m: 3-D distance of the two, NaN where either is absent.
+        velocity_error_mps: norm of the difference of the two velocities.
+        epoch_ns: nominal interval of the grid.
         intervals: the rows of ``/truth/attack``.
     """
 

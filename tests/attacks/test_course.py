@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spoofbench.attacks import Attack, falsify
-from spoofbench.attacks.generating import DragOff, ZeroAcceleration
-from spoofbench.attacks.predicting import Extrapolate, ExtrapolateSmooth
+from spoofbench.attacks import Attack, make_variant
+from spoofbench.attacks.extrapolation import Extrapolate, ExtrapolateSmooth
+from spoofbench.attacks.synthetic import DragOff, ZeroAcceleration
 from spoofbench.recording import Interval, Recording, Table
 from spoofbench.testing import drive
 
@@ -54,7 +54,7 @@ def test_rows_below_the_receivers_limit_alone_lack_a_course(attack: Attack, velo
     for window in _windows(clean):
         before, after = (
             r[PVT].between(window.start_ns, window.end_ns)
-            for r in (clean, falsify("any", attack, clean, window, 0))
+            for r in (clean, make_variant("any", attack, clean, window, 0))
         )
         known = after.valid("speed_mps")
         blank, speed = ~after.valid("course_deg")[known], after["speed_mps"][known]
@@ -74,7 +74,7 @@ def test_a_few_exceptions_do_not_hide_the_limit() -> None:
         {PVT: table.replace(course_deg=np.where(table.valid("speed_mps"), course, np.nan))}
     )
     for window in _windows(clean):
-        after = falsify("any", DragOff(4.0), clean, window, 0)[PVT].between(
+        after = make_variant("any", DragOff(4.0), clean, window, 0)[PVT].between(
             window.start_ns, window.end_ns
         )
         fast = after["speed_mps"] > SLOWEST_MPS + 0.5
@@ -88,7 +88,7 @@ def test_courses_missing_for_other_reasons_stay_missing() -> None:
     lost = np.random.default_rng(0).random(len(table)) < 0.1
     clean = clean.replace({PVT: table.replace(course_deg=np.where(lost, np.nan, course))})
     for window in _windows(clean):
-        variant = falsify("any", DragOff(4.0), clean, window, 0)
+        variant = make_variant("any", DragOff(4.0), clean, window, 0)
         assert np.array_equal(variant[PVT].valid("course_deg"), clean[PVT].valid("course_deg"))
 
 
@@ -127,6 +127,8 @@ def test_speed_moves_with_the_position_where_the_course_is_blank(
 ) -> None:
     clean, window = _creeping(course_at_first), Interval(40 * 10**9, 70 * 10**9)
     attack = DragOff(4.0, ramp_s=0.0, direction_deg=direction_deg)
-    made = falsify("any", attack, clean, window, 0)[PVT].between(window.start_ns, window.end_ns)
+    made = make_variant("any", attack, clean, window, 0)[PVT].between(
+        window.start_ns, window.end_ns
+    )
     assert np.allclose(made["speed_mps"], speed_mps, atol=0.05)
     assert np.allclose((made["course_deg"] - course_deg + 180) % 360, 180, atol=0.5)

@@ -17,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 from spoofbench import codec, plugins
-from spoofbench.attacks import draw_window, falsify, rounding, supply_of
+from spoofbench.attacks import attackable_span, draw_window, make_variant, resolution
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Recording, Table
 from spoofbench.testing import drive
@@ -94,8 +94,8 @@ def _all_features(clean: Recording, name: str) -> Iterator[tuple[Bits, Bits]]:
     attack = plugins.make(plugins.ATTACKS, name)
     for seed in range(WINDOWS):
         try:
-            window = draw_window(0, "any", seed, supply_of(attack, clean), 60.0)
-            variant = falsify(name, attack, clean, window, seed)
+            window = draw_window(0, "any", seed, attackable_span(attack, clean), 60.0)
+            variant = make_variant(name, attack, clean, window, seed)
         except NotApplicable:
             continue
         pair = []
@@ -183,15 +183,15 @@ def test_last_digits_do_not_tell_on_the_drive(measured: Recording, name: str) ->
 @pytest.mark.parametrize(
     "name", ["drag-off", "extrapolate", "extrapolate-smooth", "zero-acceleration"]
 )
-@pytest.mark.parametrize("lapse", ["no rounding", "other rounding"])
+@pytest.mark.parametrize("lapse", ["no resolution", "other resolution"])
 def test_the_classifier_sees_a_lapse(
     synthetic: Recording, name: str, lapse: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = rounding.resolution
+    found = resolution.resolution
 
-    def lapsed(column: NDArray[Any]) -> rounding.Resolution:
+    def lapsed(column: NDArray[Any]) -> resolution.Resolution:
         good = found(column)
-        if lapse == "no rounding":
+        if lapse == "no resolution":
             return replace(good, write=None)
         return (
             replace(good, write=lambda values: np.round(values, 7))
@@ -199,7 +199,7 @@ def test_the_classifier_sees_a_lapse(
             else good
         )
 
-    monkeypatch.setattr(rounding, "resolution", lapsed)
+    monkeypatch.setattr(resolution, "resolution", lapsed)
     pairs = _pairs(synthetic, name)
     assert _auc(pairs) > 0.7
     assert _chance(pairs) <= 0.01

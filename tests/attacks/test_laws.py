@@ -1,4 +1,4 @@
-"""What falsify promises of any attack, and what it refuses."""
+"""What make_variant promises of any attack, and what it refuses."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spoofbench import plugins
-from spoofbench.attacks import Attack, draw_window, falsify, supply_of
-from spoofbench.attacks.generating import DragOff, ZeroAcceleration
+from spoofbench.attacks import Attack, attackable_span, draw_window, make_variant
+from spoofbench.attacks.extrapolation import Extrapolate, ExtrapolateSmooth
 from spoofbench.attacks.laws import differing
-from spoofbench.attacks.predicting import Extrapolate, ExtrapolateSmooth
-from spoofbench.attacks.replaying import Meacon, RepeatBack, Replay
+from spoofbench.attacks.replay import Meacon, RepeatBack, Replay
+from spoofbench.attacks.synthetic import DragOff, ZeroAcceleration
 from spoofbench.errors import NotApplicable, PluginError
 from spoofbench.recording import Column, Interval, Recording, Table
 from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
@@ -94,11 +94,11 @@ def test_the_laws_hold_on_any_recording(
 ) -> None:
     attack = ATTACKS[name]
     try:
-        window = draw_window(0, "any", seed, supply_of(attack, clean), duration_s)
-        variant = falsify(name, attack, clean, window, seed)
+        window = draw_window(0, "any", seed, attackable_span(attack, clean), duration_s)
+        variant = make_variant(name, attack, clean, window, seed)
     except NotApplicable:
         return
-    assert falsify(name, attack, clean, window, seed).digest() == variant.digest()
+    assert make_variant(name, attack, clean, window, seed).digest() == variant.digest()
     assert variant.metadata == clean.metadata
     truth = variant[TRUTH_TOPIC]
     start_ns, end_ns = int(truth["start_ns"][0]), int(truth["end_ns"][0])
@@ -144,8 +144,8 @@ def _changed(clean: Table, attacked: Table) -> list[int]:
 @given(clean=recordings(), name=st.sampled_from(sorted(ATTACKS)), seed=st.integers(0, 20))
 def test_claimed_times_and_stamps_stay(clean: Recording, name: str, seed: int) -> None:
     try:
-        window = draw_window(0, "any", seed, supply_of(ATTACKS[name], clean), 20.0)
-        variant = falsify(name, ATTACKS[name], clean, window, seed)
+        window = draw_window(0, "any", seed, attackable_span(ATTACKS[name], clean), 20.0)
+        variant = make_variant(name, ATTACKS[name], clean, window, seed)
     except NotApplicable:
         return
     for topic in clean.topics("gnss/pvt"):
@@ -174,14 +174,14 @@ def test_claimed_times_and_stamps_stay(clean: Recording, name: str, seed: int) -
 def test_strength_0_gives_the_clean_recording(attack: Attack) -> None:
     clean = _drive()
     assert attack.strength == 0
-    assert falsify("any", attack, clean, clean.span, 0) is clean
+    assert make_variant("any", attack, clean, clean.span, 0) is clean
 
 
 def test_strength_grows_the_change() -> None:
     clean, window = _drive(), _window(_drive())
     errors = []
     for strength in (0.1, 0.5, 1.0):
-        table = falsify("zero-acceleration", ZeroAcceleration(strength), clean, window, 0)[PVT]
+        table = make_variant("zero-acceleration", ZeroAcceleration(strength), clean, window, 0)[PVT]
         errors.append(np.nansum(np.abs(table["lat_deg"] - clean[PVT]["lat_deg"])))
     assert errors == sorted(errors)
 
@@ -295,12 +295,12 @@ def test_a_broken_law_is_named(law: str) -> None:
         }
     )
     with pytest.raises(PluginError, match=law):
-        falsify("stranger", Stranger(law), clean, _window(clean), 0)
+        make_variant("stranger", Stranger(law), clean, _window(clean), 0)
 
 
 def test_what_is_lawful_is_rounded_and_noted() -> None:
     clean, window = _drive(), _window(_drive())
-    table = falsify("stranger", Stranger("raise"), clean, window, 3)[PVT]
+    table = make_variant("stranger", Stranger("raise"), clean, window, 3)[PVT]
     inside = window.covers(table.time_ns)
     assert np.array_equal(table["height_m"], np.round(table["height_m"], 3), equal_nan=True)
     assert np.allclose(
@@ -321,7 +321,7 @@ def test_a_course_is_rounded_round() -> None:
         }
     )
     variant, window = (
-        falsify("stranger", Stranger("turn"), clean, _window(clean), 0),
+        make_variant("stranger", Stranger("turn"), clean, _window(clean), 0),
         _window(clean),
     )
     assert np.all(variant[PVT].between(window.start_ns, window.end_ns)["course_deg"] == 0)
@@ -331,31 +331,31 @@ def test_a_course_is_rounded_round() -> None:
 def test_an_attack_without_effect_is_not_applicable(does: str) -> None:
     clean = _drive()
     with pytest.raises(NotApplicable, match="changes no row"):
-        falsify("stranger", Stranger(does), clean, _window(clean), 0)
+        make_variant("stranger", Stranger(does), clean, _window(clean), 0)
 
 
 @pytest.mark.parametrize("reason", FAILING)
 def test_a_failing_stranger_is_blamed_by_name(reason: str) -> None:
     clean = _drive()
     with pytest.raises(PluginError, match=f"attack 'stranger'.*{reason}"):
-        falsify("stranger", Stranger(reason), clean, _window(clean), 0)
+        make_variant("stranger", Stranger(reason), clean, _window(clean), 0)
 
 
 def test_an_attacked_recording_is_not_attacked_again() -> None:
     clean = _drive()
-    variant = falsify("drag-off", DragOff(), clean, _window(clean), 0)
+    variant = make_variant("drag-off", DragOff(), clean, _window(clean), 0)
     with pytest.raises(NotApplicable, match="already"):
-        falsify("drag-off", DragOff(), variant, _window(clean), 0)
+        make_variant("drag-off", DragOff(), variant, _window(clean), 0)
 
 
 def test_a_parameter_that_json_cannot_hold_is_refused() -> None:
     with pytest.raises(PluginError, match="JSON"):
-        falsify("stranger", Stranger({1, 2}), _drive(), _window(_drive()), 0)
+        make_variant("stranger", Stranger({1, 2}), _drive(), _window(_drive()), 0)
 
 
 def test_the_truth_row_says_how_the_variant_was_made() -> None:
     clean = _drive()
-    truth = falsify("drag-off", DragOff(rate_mps=0.5), clean, _window(clean), 42)[TRUTH_TOPIC]
+    truth = make_variant("drag-off", DragOff(rate_mps=0.5), clean, _window(clean), 42)[TRUTH_TOPIC]
     words = {
         name: truth.words(name)[0]
         for name in ("attack", "class", "strength_unit", "level", "parameters")
@@ -378,7 +378,7 @@ def test_the_truth_row_says_how_the_variant_was_made() -> None:
 def test_seeds_and_parameters_draw_anew() -> None:
     clean = _drive()
     variants = [
-        falsify("drag-off", DragOff(rate), clean, _window(clean), seed)
+        make_variant("drag-off", DragOff(rate), clean, _window(clean), seed)
         for rate, seed in ((1.0, 0), (1.0, 1), (2.0, 0))
     ]
     assert len({variant.digest() for variant in variants}) == 3

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spoofbench.converting import Ledger, Reject
+from spoofbench.conversion import Ledger, Reject
 from spoofbench.doctor import Finding, examine
 from spoofbench.recording import Recording, Table
 from spoofbench.testing.recordings import START_NS, drive, spoofed_drive

@@ -11,7 +11,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from benchmarks.fuzz.mutating import TOKENS, mutate
+from benchmarks.fuzz.mutate import TOKENS, mutate
 from benchmarks.fuzz.reference import frames
 from benchmarks.fuzz.seeds import made, nmea_lines, ubx_log
 from benchmarks.fuzz.targets import check, names

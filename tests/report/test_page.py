@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.report import markdown, write_site
 from spoofbench.report.traces import STEPS
 from spoofbench.results import Outcome, read_tasks, read_truth, write_outcome, write_tasks

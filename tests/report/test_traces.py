@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.report.traces import (
     ABSENT_DM,
     INFINITE,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.errors import ResultsError
 from spoofbench.recording import Interval
 from spoofbench.results import (

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from spoofbench import codec
-from spoofbench.detecting import detect
+from spoofbench.detector import detect
 from spoofbench.errors import PluginError, ResultsError, SuiteError
 from spoofbench.recording import Recording
 from spoofbench.results import Task, read_outcome, read_parquet, read_tasks, read_truth

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.recording import Interval
 from spoofbench.results import Truth
 from spoofbench.scoring.grid import score_on_grid, within

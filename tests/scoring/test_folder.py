@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.errors import ResultsError
 from spoofbench.results import Outcome, write_outcome
 from spoofbench.scoring.folder import SCORE_SCHEMA, score_folder

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.errors import LimitError, RecordingError
 from spoofbench.recording import Interval, Recording, Table
 from spoofbench.results import Truth

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from spoofbench.converting import Block, Facts, Item, Reject, Rejects, Source
+from spoofbench.conversion import Block, Item, Reject, Rejects, Source, SourceMetadata
 from spoofbench.errors import ConversionError
 from spoofbench.recording import Table
 
@@ -62,7 +62,7 @@ class Honest:
             yield from self.items(stream, {"device": "none"})
 
     def items(self, stream: Any, about: Mapping[str, str]) -> Iterator[Item]:
-        yield Facts({"source/gnss0": about})
+        yield SourceMetadata({"source/gnss0": about})
         base, carried, last_ns = 0, b"", 0
         while True:
             piece = stream.read(PIECE)
@@ -214,7 +214,9 @@ class InventsAnEnum(Honest):
 class DoesNotSayWhatItsSourcesAre(Honest):
     def convert(self, source: Source, options: Any) -> Iterator[Item]:
         yield from (
-            item for item in super().convert(source, options) if not isinstance(item, Facts)
+            item
+            for item in super().convert(source, options)
+            if not isinstance(item, SourceMetadata)
         )
 
 
@@ -299,7 +301,7 @@ class SetsTheTimeZone(Honest):
 @dataclass(frozen=True)
 class DropsLinesAtPieceBorders(Honest):
     def items(self, stream: Any, about: Mapping[str, str]) -> Iterator[Item]:
-        yield Facts({"source/gnss0": about})
+        yield SourceMetadata({"source/gnss0": about})
         base, last_ns = 0, 0
         while piece := stream.read(PIECE):
             rows, rejects, last_ns = self.lines(piece, base, last_ns)
@@ -342,7 +344,7 @@ class StopsAtDamage(Honest):
                 kept = item.table if not gaps.size else item.table.take(slice(0, int(gaps[0]) + 1))
                 stopped, used = bool(gaps.size), item.used * len(kept) // len(item.table)
                 yield Block(item.topic, kept, used)
-            elif isinstance(item, Facts):
+            elif isinstance(item, SourceMetadata):
                 yield item
         yield Reject(used, size - used, "after damage" if stopped else "noise")
 
@@ -374,7 +376,7 @@ class RaisesAParagraph(Honest):
 @dataclass(frozen=True)
 class ReadsItWhole(Honest):
     def items(self, stream: Any, about: Mapping[str, str]) -> Iterator[Item]:
-        yield Facts({"source/gnss0": about})
+        yield SourceMetadata({"source/gnss0": about})
         rows, rejects, _ = self.lines(stream.read(), 0, 0)
         yield from (*rows, *rejects)
 
@@ -386,7 +388,7 @@ class WaitsForALineEnd(Honest):
     pieces: list[bytes] = field(default_factory=list)
 
     def items(self, stream: Any, about: Mapping[str, str]) -> Iterator[Item]:
-        yield Facts({"source/gnss0": about})
+        yield SourceMetadata({"source/gnss0": about})
         base, carried, last_ns = 0, bytearray(), 0
         while True:
             piece = stream.read(PIECE)

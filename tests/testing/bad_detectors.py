@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.recording import Recording
 
 

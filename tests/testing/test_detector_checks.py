@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spoofbench.detecting import Decisions, Detector
+from spoofbench.detector import Decisions, Detector
 from spoofbench.errors import PluginError
 from spoofbench.testing import CheckFailed, check_detector, run_detector_checks
 from spoofbench.testing.detectors import LAWS

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from spoofbench.converting import Item, Source
+from spoofbench.conversion import Item, Source
 from spoofbench_converters.nmea.decoder import NmeaDecoder
 from spoofbench_converters.nmea.options import DecoderOptions
-from spoofbench_converters.stream.conversion import Conversion
-from spoofbench_converters.stream.options import StreamOptions
-from spoofbench_converters.stream.sniffing import beginning
+from spoofbench_converters.serial.conversion import Conversion
+from spoofbench_converters.serial.options import StreamOptions
+from spoofbench_converters.serial.sniffing import beginning
 
 __all__ = ["UNIT", "VERSION", "Options", "convert", "sniff"]
 
@@ -37,6 +37,6 @@ def sniff(source: Source) -> float:
 
 
 def convert(source: Source, options: Options) -> Iterator[Item]:
-    """Yield what a log holds; see :class:`spoofbench.converting.Converter`."""
+    """Yield what a log holds; see :class:`spoofbench.conversion.Converter`."""
     with source.open() as stream:
         yield from Conversion([NmeaDecoder(options)], options).run(stream, source.path.name)

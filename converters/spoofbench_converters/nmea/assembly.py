@@ -5,16 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spoofbench.converting import Columns, Rejects
-from spoofbench.converting.ordering import take
-from spoofbench.gps_time import SECOND_NS
+from spoofbench.conversion import Columns, Rejects
+from spoofbench.conversion.rows import take
+from spoofbench.gnss_time import SECOND_NS
 from spoofbench_converters.nmea import signals, utc
 from spoofbench_converters.nmea.batch import VIEW, Batch
 from spoofbench_converters.nmea.epochs import Before, Habits, divide
 from spoofbench_converters.nmea.fields import Bools, Ints
 from spoofbench_converters.nmea.sensors import SENSORS, Sensors
 from spoofbench_converters.nmea.solution import ONE_PER_EPOCH, Solution
-from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS, Epochs, Rows
+from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS, Epochs, Rows
 
 _NEAR_NS = 10 * SECOND_NS  # a time of its own further from that of the epoch is not believed
 _OF_SOLUTION = (*ONE_PER_EPOCH, "GSA", "GRS")

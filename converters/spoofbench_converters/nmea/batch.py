@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spoofbench.converting import Columns, Rejects
-from spoofbench.converting.ordering import join, take
+from spoofbench.conversion import Columns, Rejects
+from spoofbench.conversion.rows import join, take
 from spoofbench_converters.nmea import satellites, sky
 from spoofbench_converters.nmea.addresses import CODES, READ, Addresses
 from spoofbench_converters.nmea.fields import Bools, Ints, Sentences
 from spoofbench_converters.nmea.sentences import READERS, Reader
-from spoofbench_converters.stream.contract import ABSENT_NS, Frames
+from spoofbench_converters.serial.contract import ABSENT_NS, Frames
 
 VIEW, USE, RESIDUAL = "satellites in view", "satellites in use", "residuals"
 
@@ -30,9 +30,10 @@ _BY_TALKER = frozenset(
 class Batch:
     """Sentences in file order.
 
-    Attributes: frames: by sentence ``offset used receive_time_ns``, ``code`` of the type, place of
-        the ``talker``, ``tod_ns``
-            and ``tod_places``, ``lat_deg lon_deg`` and the ``message`` number of a GSV.
+    Attributes:
+        frames: by sentence ``offset used receive_time_ns``, ``code`` of the type, place of the
+            ``talker``, ``tod_ns`` and ``tod_places``, ``lat_deg lon_deg`` and the ``message``
+            number of a GSV.
         tables: by type of sentence, and of satellites by ``VIEW``, ``USE`` and ``RESIDUAL``: what
             the sentences say; ``frame`` is the place of the sentence in ``frames``, not decreasing.
     """

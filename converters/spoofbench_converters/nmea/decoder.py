@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from spoofbench.converting import Columns, Rejects
-from spoofbench.converting.ordering import take
+from spoofbench.conversion import Columns, Rejects
+from spoofbench.conversion.rows import take
 from spoofbench_converters.nmea import receivers
 from spoofbench_converters.nmea.addresses import READ, Addresses
 from spoofbench_converters.nmea.assembly import Assembly
@@ -20,13 +20,13 @@ from spoofbench_converters.nmea.epochs import Before, Habits, open_within_bounds
 from spoofbench_converters.nmea.fields import Bools, Ints
 from spoofbench_converters.nmea.options import DecoderOptions
 from spoofbench_converters.nmea.sensors import SENSORS
-from spoofbench_converters.stream.contract import Epochs, Frames
+from spoofbench_converters.serial.contract import Epochs, Frames
 
 _OF_SENSORS = np.isin(READ, list(SENSORS))
 
 
 class NmeaDecoder:
-    """Decodes one log; see :class:`spoofbench_converters.stream.contract.Decoder`."""
+    """Decodes one log; see :class:`spoofbench_converters.serial.contract.Decoder`."""
 
     protocol: Literal["nmea"] = "nmea"
 

@@ -18,13 +18,13 @@ from typing import Self
 
 import numpy as np
 
-from spoofbench.converting import Columns
-from spoofbench.converting.ordering import take
-from spoofbench.gps_time import SECOND_NS
+from spoofbench.conversion import Columns
+from spoofbench.conversion.rows import take
+from spoofbench.gnss_time import SECOND_NS
 from spoofbench_converters.nmea.addresses import CODES, READ
 from spoofbench_converters.nmea.fields import Bools, Ints
 from spoofbench_converters.nmea.utc import nearest_turn
-from spoofbench_converters.stream.contract import ABSENT_NS
+from spoofbench_converters.serial.contract import ABSENT_NS
 
 MAX_SENTENCES = 8_192  # of one epoch: more make epochs without a time
 
@@ -139,8 +139,9 @@ def open_within_bounds(
         before: what came before the first.
         habits: of the receiver.
 
-    Returns: Which of all sentences open an epoch, bool ``(size,)``, and what came before the last
-        one that does.
+    Returns:
+        Which of all sentences open an epoch, bool ``(size,)``, and what came before the last one
+        that does.
     """
     starts = np.zeros(size, bool)
     begin = 0

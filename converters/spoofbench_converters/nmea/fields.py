@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from spoofbench_converters.stream.contract import Frames
+from spoofbench_converters.serial.contract import Frames
 
 MAX_FIELD = 24  # characters; the longest that a receiver writes is a longitude of 14
 _SMALL = 4  # digits, so that values fit 16 bits

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 class DecoderOptions:
     """What the decoder asks of a converter's options.
 
-    Attributes: source: talker, such as ``GP``, of the one receiver to convert where a log holds
-        several; satellites
-            in view and in use are kept of all GNSS talkers.
+    Attributes:
+        source: talker, such as ``GP``, of the one receiver to convert where a log holds several;
+            satellites in view and in use are kept of all GNSS talkers.
     """
 
     source: str | None = None

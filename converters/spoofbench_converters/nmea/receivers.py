@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from spoofbench.converting import Columns
-from spoofbench.gps_time import SECOND_NS
+from spoofbench.conversion import Columns
+from spoofbench.gnss_time import SECOND_NS
 from spoofbench_converters.nmea.addresses import CODES, GNSS_TALKERS
 from spoofbench_converters.nmea.fields import Bools, Ints
 from spoofbench_converters.nmea.utc import nearest_turn
-from spoofbench_converters.stream.contract import ABSENT_NS
+from spoofbench_converters.serial.contract import ABSENT_NS
 
 JUDGED = 2_000  # sentences from the start of a log
 MAX_RECEIVERS = 8

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spoofbench.converting import Columns
+from spoofbench.conversion import Columns
 from spoofbench.schema import KINDS
 from spoofbench_converters.nmea.batch import Batch
 from spoofbench_converters.nmea.fields import Ints

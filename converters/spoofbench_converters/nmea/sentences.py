@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns
+from spoofbench.conversion import Columns
 from spoofbench_converters.nmea import utc
 from spoofbench_converters.nmea.fields import Bools, Cells, Fields, Ints, decimals, one_of
-from spoofbench_converters.stream.contract import ABSENT_NS
+from spoofbench_converters.serial.contract import ABSENT_NS
 
 KNOT_MPS = 1852 / 3600
 KMH_MPS = 1 / 3.6

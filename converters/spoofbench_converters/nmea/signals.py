@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns
-from spoofbench.converting.ordering import take
+from spoofbench.conversion import Columns
+from spoofbench.conversion.rows import take
 from spoofbench.recording import Column
 from spoofbench_converters.nmea import satellites
 from spoofbench_converters.nmea.batch import RESIDUAL, USE

@@ -7,8 +7,8 @@ Every function returns tables whose ``row`` says which of the sentences each row
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns
-from spoofbench.converting.ordering import take
+from spoofbench.conversion import Columns
+from spoofbench.conversion.rows import take
 from spoofbench_converters.nmea import satellites
 from spoofbench_converters.nmea.fields import Ints, hexadecimal
 from spoofbench_converters.nmea.sentences import Reader
@@ -24,8 +24,9 @@ def gsv(read: Reader, named: Ints) -> tuple[Columns, Columns]:
     ``named`` is the constellation that each talker names. After the blocks of four fields may stand
     a signal id (NMEA 4.10), and after that a system id (Qualcomm's PQGSV).
 
-    Returns: By sentence, ``message``, its number among those of one talker and signal; by
-        satellite, ``constellation svid signal cn0_dbhz elevation_deg azimuth_deg used``.
+    Returns:
+        By sentence, ``message``, its number among those of one talker and signal; by satellite,
+        ``constellation svid signal cn0_dbhz elevation_deg azimuth_deg used``.
     """
     after = np.maximum(read.count - 3, 0)
     tail = np.where(after % 4 == 3, 0, after % 4)
@@ -74,7 +75,8 @@ def pubx03(read: Reader, named: Ints) -> tuple[Columns, Columns]:
 def gsa(read: Reader, named: Ints) -> tuple[Columns, Columns]:
     """Read satellites in use.
 
-    Returns: By sentence, ``dimension`` (1 no fix, 2, 3), ``pdop hdop vdop``, ``covers``, the
+    Returns:
+        By sentence, ``dimension`` (1 no fix, 2, 3), ``pdop hdop vdop``, ``covers``, the
         constellation that the sentence is about (0: whichever its numbers say), and ``full``,
         whether there was no room for more; by satellite, ``slot constellation svid``.
     """
@@ -107,8 +109,9 @@ def gsa(read: Reader, named: Ints) -> tuple[Columns, Columns]:
 def grs(read: Reader, named: Ints) -> tuple[Columns, Columns]:
     """Read residuals of the satellites in use, in the order of the GSA sentence of the same system.
 
-    Returns: By sentence, time of day, ``covers`` as of :func:`gsa` and ``signal``; by satellite,
-        ``slot residual_m``.
+    Returns:
+        By sentence, time of day, ``covers`` as of :func:`gsa` and ``signal``; by satellite, ``slot
+        residual_m``.
     """
     system = hexadecimal(_letter(read, 15))
     signal_id = hexadecimal(_letter(read, 16))

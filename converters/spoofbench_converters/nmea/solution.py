@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns
+from spoofbench.conversion import Columns
 from spoofbench.recording import Column
 from spoofbench.schema.v1 import gnss_pb2 as enums
 from spoofbench_converters.nmea import utc
 from spoofbench_converters.nmea.fields import Bools, Ints, one_of
-from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS
+from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS
 
 Floats = NDArray[np.float64]
 
@@ -74,8 +74,10 @@ _TELLS: Mapping[str, tuple[str, Mapping[int, int] | Mapping[str, int]]] = {
 class Solution:
     """The epochs of one receiver.
 
-    Args: count: how many epochs there are. tables: by type, what its sentences say, with the
-        ``epoch`` of each; of those in ``ONE_PER_EPOCH`` one per epoch.
+    Args:
+        count: how many epochs there are.
+        tables: by type, what its sentences say, with the ``epoch`` of each; of those in
+            ``ONE_PER_EPOCH`` one per epoch.
     """
 
     def __init__(self, count: int, tables: Mapping[str, Columns]) -> None:
@@ -119,7 +121,7 @@ class Solution:
 
     def claimed(self) -> tuple[Ints, Ints]:
         """Return UTC as claimed and its period, ``(count,)``, as
-        :class:`spoofbench_converters.stream.contract.Epochs` wants them.
+        :class:`spoofbench_converters.serial.contract.Epochs` wants them.
         """
         tod_ns = self._time_of_day()
         dated = self._dated(tod_ns)

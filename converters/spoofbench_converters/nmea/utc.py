@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.gps_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds
+from spoofbench.gnss_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds
 from spoofbench_converters.nmea.fields import Bools, Cells, Ints, decimals
-from spoofbench_converters.stream.contract import ABSENT_NS
+from spoofbench_converters.serial.contract import ABSENT_NS
 
 _PIVOT = 80  # two-digit years: 80 to 99 are 1980 to 1999, 00 to 79 are 2000 to 2079
 

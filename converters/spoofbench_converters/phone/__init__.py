@@ -7,7 +7,7 @@ Decimeter Challenge.
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
-from spoofbench.converting import Extent, Item, Source
+from spoofbench.conversion import Item, SizeHint, Source
 from spoofbench.errors import ConversionError, SpoofbenchError
 from spoofbench_converters.phone import gnsslogger, gsdc, phyphox, sensorlog, sensorlogger
 from spoofbench_converters.phone.options import Options
@@ -47,7 +47,7 @@ def _of_folder(parts: Sequence[Part]) -> float:
 
 
 def convert(source: Source, options: Options) -> Iterator[Item]:
-    """Yield what a log holds; see :class:`spoofbench.converting.Converter`."""
+    """Yield what a log holds; see :class:`spoofbench.conversion.Converter`."""
     parts = parts_of(source)
     text = text_parts(parts)
     best = max(_FORMATS, key=lambda form: form.sniff(text))
@@ -58,5 +58,5 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
         )
     if parts[0].name:
         parts = laid_out(parts)
-        yield Extent(sum(part.size for part in parts))
+        yield SizeHint(sum(part.size for part in parts))
     yield from best.convert(parts, options)

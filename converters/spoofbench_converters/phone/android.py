@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns
-from spoofbench.gps_time import DAY_NS, GPS_EPOCH_NS, WEEK_NS, leap_seconds_at_gps
+from spoofbench.conversion import Columns
+from spoofbench.gnss_time import DAY_NS, GPS_EPOCH_NS, WEEK_NS, leap_seconds_at_gps
 from spoofbench_converters.phone.device import positive
 from spoofbench_converters.phone.sheets import Sheet
 

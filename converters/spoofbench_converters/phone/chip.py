@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns, Item
-from spoofbench.converting.ordering import join, take
+from spoofbench.conversion import Columns, Item
+from spoofbench.conversion.rows import join, take
 from spoofbench_converters.phone import android, parsing
 from spoofbench_converters.phone.axis import Axis, Stamps
 from spoofbench_converters.phone.device import NO_TIME, positive

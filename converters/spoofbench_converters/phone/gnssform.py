@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns
+from spoofbench.conversion import Columns
 from spoofbench_converters.phone import android
 from spoofbench_converters.phone import lines as text
 from spoofbench_converters.phone.axis import PAIRS, Axis, Pairs, Stamps

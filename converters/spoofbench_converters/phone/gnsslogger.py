@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns, Facts, Item, Rejects
-from spoofbench.converting.ordering import take
-from spoofbench.gps_time import GPS_EPOCH_NS, leap_seconds_at_gps
+from spoofbench.conversion import Columns, Item, Rejects, SourceMetadata
+from spoofbench.conversion.rows import take
+from spoofbench.gnss_time import GPS_EPOCH_NS, leap_seconds_at_gps
 from spoofbench_converters.phone import android, gnssform
 from spoofbench_converters.phone import lines as text
 from spoofbench_converters.phone.axis import Axis, Stamps, Steps
@@ -152,7 +152,7 @@ class _Log:
             f"source/{name}": {**self._form.device, **record}
             for name, record in self._about.items()
         }
-        yield Facts({**about, "recording": {**recording, **self._steps.about()}})
+        yield SourceMetadata({**about, "recording": {**recording, **self._steps.about()}})
 
     def _rows(self, lines: Lines) -> Iterator[Item]:
         rows = text.split(lines)

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns, Facts, Item
-from spoofbench.converting.ordering import take
+from spoofbench.conversion import Columns, Item, SourceMetadata
+from spoofbench.conversion.rows import take
 from spoofbench_converters.phone import android, device
 from spoofbench_converters.phone.axis import PAIRS, Axis, Pairs, Steps
 from spoofbench_converters.phone.chip import Chip
@@ -89,7 +89,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
             "boot_unix_ns": str(axis.offset_ns),
             "gnss_minus_clock_ns": str(-axis.shift_ns),
         }
-    yield Facts(
+    yield SourceMetadata(
         {"recording": recording | ({"session_id": options.session} if options.session else {})}
     )
     yield from (part.passed_over() for part in parts if part not in (gnss, imu, truth))
@@ -160,7 +160,7 @@ def _sensors(part: Part, axis: Axis, steps: Steps) -> Iterator[Item]:
         yield from stream.finish()
         if stream.rows:
             about = {"topic": "uncalibrated", "device_axes": device.DEVICE_AXES}
-            yield Facts({f"source/{stream.topic.split('/')[1]}": about})
+            yield SourceMetadata({f"source/{stream.topic.split('/')[1]}": about})
 
 
 def _measurements(part: Part, axis: Axis) -> Iterator[Item]:
@@ -173,14 +173,14 @@ def _measurements(part: Part, axis: Axis) -> Iterator[Item]:
             yield sheet
     yield from chip.finish()
     yield from solution.stream.finish()
-    yield Facts({f"source/{name}": about for name, about in chip.about().items()})
+    yield SourceMetadata({f"source/{name}": about for name, about in chip.about().items()})
     if solution.stream.rows:
         about = {
             "topic": "WlsPosition",
             "solution": "gnss",
             "solution_basis": "weighted least squares of the measurements, afterwards",
         }
-        yield Facts({"source/wls0": about})
+        yield SourceMetadata({"source/wls0": about})
 
 
 class _Solution:
@@ -240,4 +240,4 @@ def _reference(part: Part, axis: Axis) -> Iterator[Item]:
         "the competition's reference receiver; GNSS time, laid on the recording's clock by its "
         "median offset"
     )
-    yield Facts({"source/reference": {"topic": "ground_truth", "basis": basis}})
+    yield SourceMetadata({"source/reference": {"topic": "ground_truth", "basis": basis}})

@@ -9,7 +9,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Reject
+from spoofbench.conversion import Reject
 
 PIECE_BYTES = 2**22
 LONGEST_LINE_BYTES = 2**16
@@ -23,9 +23,11 @@ _LF, _CR, _QUOTE, _SPACE = b'\n\r" '
 class Lines:
     """Lines of one piece of a log.
 
-    Attributes: octets: uint8 ``(k,)``, the piece. starts, ends: int64 ``(n,)``, each line's text
-        within ``octets``, without its end. offsets, lengths: int64 ``(n,)``, where each line lies
-        in the log, with its end and a byte order mark before it.
+    Attributes:
+        octets: uint8 ``(k,)``, the piece.
+        starts, ends: int64 ``(n,)``, each line's text within ``octets``, without its end.
+        offsets, lengths: int64 ``(n,)``, where each line lies in the log, with its end and a byte
+            order mark before it.
     """
 
     octets: NDArray[np.uint8]

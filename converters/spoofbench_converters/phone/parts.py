@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import IO
 
-from spoofbench.converting import Block, Reject, Rejects, Source
+from spoofbench.conversion import Block, Reject, Rejects, Source
 from spoofbench.errors import ConversionError
 from spoofbench_converters.phone.lines import BOM, Lines, read_lines, split
 from spoofbench_converters.phone.sheets import WRONG_WIDTH, Sheet

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns, Facts, Item
-from spoofbench.converting.ordering import take
+from spoofbench.conversion import Columns, Item, SourceMetadata
+from spoofbench.conversion.rows import take
 from spoofbench.errors import ConversionError
 from spoofbench_converters.phone import device
 from spoofbench_converters.phone.device import NO_TIME, known, positive
@@ -153,7 +153,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     )
     clock = _clock(times, options)
     session = {"session_id": options.session} if options.session else {}
-    yield Facts(
+    yield SourceMetadata(
         {"recording": {"clock": "sensor", "clock_basis": clock.basis, **clock.about, **session}}
     )
     properties = next(
@@ -171,7 +171,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
             stream = Stream(f"{family}0", kind, fields, inputs=tuple(mine))
             yield from together(stream, {name: _rows(table, clock) for name, table in mine.items()})
             topic = " ".join(table.part.stem for table in mine.values() if table.part.name)
-            yield Facts(
+            yield SourceMetadata(
                 {
                     f"source/{family}0": {
                         "app": "phyphox",

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns, Facts, Item, Reject
-from spoofbench.converting.ordering import take
+from spoofbench.conversion import Columns, Item, Reject, SourceMetadata
+from spoofbench.conversion.rows import take
 from spoofbench.errors import ConversionError
 from spoofbench_converters.phone import device
 from spoofbench_converters.phone.device import AXES, STANDARD_GRAVITY_MPS2, known
@@ -179,7 +179,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
             yield item
     yield from log.finish()
     session = {"session_id": options.session} if options.session else {}
-    yield Facts(
+    yield SourceMetadata(
         {
             "recording": {
                 "clock": "sensor",
@@ -313,7 +313,7 @@ class _Log:
         for stream in self._streams.values():
             yield from stream.finish()
         for (family, which), name in self._sources.items():
-            yield Facts(
+            yield SourceMetadata(
                 {
                     f"source/{name}": {
                         "app": "SensorLog",

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spoofbench.converting import Columns, Facts, Item
-from spoofbench.converting.ordering import take
+from spoofbench.conversion import Columns, Item, SourceMetadata
+from spoofbench.conversion.rows import take
 from spoofbench.errors import ConversionError
 from spoofbench_converters.phone.device import (
     AXES,
@@ -148,8 +148,9 @@ def sniff(parts: Sequence[Part]) -> float:
 def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     """Yield what a recording holds.
 
-    Raises: ConversionError: there is more than one recording, or one table alone that does not say
-        of which sensor it is.
+    Raises:
+        ConversionError: there is more than one recording, or one table alone that does not say of
+            which sensor it is.
     """
     found = tables(parts)
     metadata = next(
@@ -158,10 +159,10 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     )
     phone, device = _phone(found, metadata), _device(metadata)
     recording = {"clock": "sensor", **({"session_id": options.session} if options.session else {})}
-    yield Facts({"recording": recording})
+    yield SourceMetadata({"recording": recording})
     for source, names in _sources(found).items():
         sensor = _SENSORS[names[0]]
-        yield Facts({f"source/{source}": {**device, **_about(sensor, names, phone)}})
+        yield SourceMetadata({f"source/{source}": {**device, **_about(sensor, names, phone)}})
         if options.source and sensor.family == "gnss" and options.source.upper() != sensor.which:
             yield from (
                 found[name].passed_over("fixes of another provider: not asked for")
@@ -187,8 +188,9 @@ def _is_table(part: Part) -> bool:
 def tables(parts: Sequence[Part]) -> dict[str, Part]:
     """Return the tables that are understood, by sensor.
 
-    Raises: ConversionError: there are two of one sensor, or one table alone that does not say of
-        which it is.
+    Raises:
+        ConversionError: there are two of one sensor, or one table alone that does not say of which
+            it is.
     """
     found: dict[str, Part] = {}
     for part in parts:

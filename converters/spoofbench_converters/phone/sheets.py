@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns
+from spoofbench.conversion import Columns
 from spoofbench_converters.phone import parsing
 from spoofbench_converters.phone.lines import Rows
 

@@ -12,8 +12,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Block, Columns, InOrder, Item, Rejects
-from spoofbench.converting.ordering import join, take
+from spoofbench.conversion import Block, Columns, Item, Rejects, TimeSorter
+from spoofbench.conversion.rows import join, take
 from spoofbench.recording import Column, Table
 from spoofbench.schema import KINDS, topic_of
 
@@ -61,11 +61,15 @@ def together(stream: "Stream", inputs: Mapping[str, Iterator[Columns | Item]]) -
 class Stream:
     """Rows of one topic, from one or more inputs that are each in their own order.
 
-    Args: source: name of the source. kind: kind of the schema. fields: the fields that rows may
-        have; those that a push lacks are absent. words: the words of text fields. inputs: names of
-        the inputs. derive: makes the fields of rows of which those of equal time are one; it may
-        use columns that are no fields. window_s: how far behind the latest row of its input one may
-        stand.
+    Args:
+        source: name of the source.
+        kind: kind of the schema.
+        fields: the fields that rows may have; those that a push lacks are absent.
+        words: the words of text fields.
+        inputs: names of the inputs.
+        derive: makes the fields of rows of which those of equal time are one; it may use columns
+            that are no fields.
+        window_s: how far behind the latest row of its input one may stand.
     """
 
     def __init__(
@@ -85,7 +89,7 @@ class Stream:
             name: KINDS[kind].fields[name].dtype if name in KINDS[kind].fields else "float64"
             for name in fields
         }
-        self._orders = {name: InOrder(round(window_s * 1e9)) for name in inputs}
+        self._orders = {name: TimeSorter(round(window_s * 1e9)) for name in inputs}
         self._waiting: dict[str, Columns] = {name: {} for name in inputs}
         self._until_ns = dict.fromkeys(inputs, np.iinfo(np.int64).min)
         self._last: Columns = {}

@@ -10,7 +10,7 @@ types are counted as skipped. All rows are on one clock (see
 from collections.abc import Iterator
 from typing import Literal
 
-from spoofbench.converting import Extent, Facts, Item, Reject, Source
+from spoofbench.conversion import Item, Reject, SizeHint, Source, SourceMetadata
 from spoofbench_converters.rosbag.bag import Bag
 from spoofbench_converters.rosbag.conversion import Conversion
 from spoofbench_converters.rosbag.family import Options
@@ -30,11 +30,11 @@ def sniff(source: Source) -> float:
 
 
 def convert(source: Source, options: Options) -> Iterator[Item]:
-    """Yield what a bag holds; see :class:`spoofbench.converting.Converter`."""
+    """Yield what a bag holds; see :class:`spoofbench.conversion.Converter`."""
     log = Bag(locate(source))
     try:
         conversion = Conversion(log.topics, options)
-        yield Extent(log.expected)
+        yield SizeHint(log.expected)
         for item in log.slabs(conversion.wanted):
             if isinstance(item, Reject):
                 yield item
@@ -46,8 +46,8 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
                 log.records, log.expected - log.records, "declared by the bag but not in it"
             )
         if log.unverified:
-            yield Facts({"recording": {"unverified_chunks": str(log.unverified)}})
+            yield SourceMetadata({"recording": {"unverified_chunks": str(log.unverified)}})
         if options.session:
-            yield Facts({"recording": {"session_id": options.session}})
+            yield SourceMetadata({"recording": {"session_id": options.session}})
     finally:
         log.close()

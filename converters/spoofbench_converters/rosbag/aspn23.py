@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Block, Columns, Facts, Reject, Rejects
-from spoofbench.converting.ordering import take
+from spoofbench.conversion import Block, Columns, Reject, Rejects, SourceMetadata
+from spoofbench.conversion.rows import take
 from spoofbench_converters.rosbag import attitude
 from spoofbench_converters.rosbag.definitions import Definitions, parse
 from spoofbench_converters.rosbag.family import Options, Refusal, in_bag_order, refused
@@ -185,7 +185,7 @@ class Aspn23:
             if isinstance(stream, PvtStream):
                 yield from stream.settle()
 
-    def finish(self) -> Iterator[Block | Reject | Rejects | Facts]:
+    def finish(self) -> Iterator[Block | Reject | Rejects | SourceMetadata]:
         """See :class:`spoofbench_converters.rosbag.family.Session`."""
         about: dict[str, dict[str, str]] = {}
         for stream in dict.fromkeys(self._streams.values()):
@@ -199,7 +199,7 @@ class Aspn23:
         recording = {"clock": "recorder" if self._options.time == "recorder" else "sensor"}
         if self._options.session:
             recording["session_id"] = self._options.session
-        yield Facts({**about, "recording": recording})
+        yield SourceMetadata({**about, "recording": recording})
 
     def _note(self, topic: Topic, quirk: str, applies: bool) -> None:
         if applies:

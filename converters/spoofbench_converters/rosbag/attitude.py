@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns
+from spoofbench.conversion import Columns
 
 _NORM_TOLERANCE = 1e-3
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any
 
-from spoofbench.converting import Reject
+from spoofbench.conversion import Reject
 from spoofbench.errors import ConversionError, SpoofbenchError
 from spoofbench_converters.rosbag import mcap_log, ros1_log, sqlite_log
 from spoofbench_converters.rosbag.locating import Location, Named, is_plain

@@ -50,8 +50,9 @@ def decide(seen: Mapping[str, tuple[_Times, _Times]]) -> tuple[Mapping[str, Cloc
     the recorder: then the bag was recorded again later, and theirs is taken. A device whose stamps
     are off by up to a day is shifted onto it.
 
-    Args: seen: by device, the headers' stamps (without rows where there are none) and the
-        recorder's of its first messages.
+    Args:
+        seen: by device, the headers' stamps (without rows where there are none) and the recorder's
+            of its first messages.
     """
     troubles = {name: _trouble(*times) for name, times in seen.items()}
     offsets = {

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from spoofbench.converting import Facts, Item, Reject
+from spoofbench.conversion import Item, Reject, SourceMetadata
 from spoofbench.errors import ConversionError
 from spoofbench_converters.rosbag import aspn23, definitions, mapped, slabs
 from spoofbench_converters.rosbag.definitions import Definitions
@@ -25,8 +25,9 @@ class Conversion:
     def __init__(self, topics: Sequence[Topic], options: Options) -> None:
         """Give the topics to sessions.
 
-        Raises: ConversionError: the definitions or the mapping that the options name cannot be
-            read, or there is no such source.
+        Raises:
+            ConversionError: the definitions or the mapping that the options name cannot be read, or
+                there is no such source.
         """
         if options.source is not None and options.source not in {topic.name for topic in topics}:
             raise ConversionError(
@@ -101,11 +102,11 @@ class Conversion:
 
     def finish(self) -> Iterator[Item]:
         """Yield what the sessions still hold, and what was not understood."""
-        yield Facts({"recording": {"clock": "recorder"}})  # unless a session knows better
+        yield SourceMetadata({"recording": {"clock": "recorder"}})  # unless a session knows better
         for session in dict.fromkeys(self._sessions.values()):
             yield from session.finish()
         if steps := self._steps.about():
-            yield Facts({"recording": steps})
+            yield SourceMetadata({"recording": steps})
         for number, (count, first) in sorted(self._unknown.items()):
             yield Reject(first, count, self._why_not(number))
 

@@ -9,8 +9,8 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Block, Columns, Facts, Reject, Rejects
-from spoofbench.converting.ordering import take
+from spoofbench.conversion import Block, Columns, Reject, Rejects, SourceMetadata
+from spoofbench.conversion.rows import take
 from spoofbench_converters.rosbag import slabs
 from spoofbench_converters.rosbag.layouts import Group
 from spoofbench_converters.rosbag.slabs import Payloads, Topic
@@ -20,14 +20,16 @@ from spoofbench_converters.rosbag.slabs import Payloads, Topic
 class Options:
     """Options of the rosbag converter.
 
-    Attributes: definitions: folder of ``.msg`` definitions, which go before those that the bag has
-        or the converter knows. mapping: TOML file, or name of a ready mapping, that says what
-        messages of other types hold. time: the rows' time: the messages' own time of validity
-        (their header's stamp), or the recorder's stamps. source: topic of the one receiver (or IMU,
-        ...) to convert, where there are several of a kind; other kinds are converted too. velocity:
-        topic of a receiver's velocity in east, north and up (a twist); ``auto`` takes one that
-        stands beside a
-            receiver's position and is called so, ``none`` takes none.
+    Attributes:
+        definitions: folder of ``.msg`` definitions, which go before those that the bag has or the
+            converter knows.
+        mapping: TOML file, or name of a ready mapping, that says what messages of other types hold.
+        time: the rows' time: the messages' own time of validity (their header's stamp), or the
+            recorder's stamps.
+        source: topic of the one receiver (or IMU, ...) to convert, where there are several of a
+            kind; other kinds are converted too.
+        velocity: topic of a receiver's velocity in east, north and up (a twist); ``auto`` takes one
+            that stands beside a receiver's position and is called so, ``none`` takes none.
         odometer: topic of wheel odometry; ``auto`` takes those that are called so, ``none`` takes
             none.
         reference: topic of the independent reference of a bag in ASPN-23; ``auto`` takes the first
@@ -71,9 +73,11 @@ Refusal = tuple[NDArray[np.bool_], str]
 class Part:
     """Rows of one kind that messages give.
 
-    Attributes: kind: of the schema. columns: fields of the kind, ``(m,)`` each: numbers as float64,
-        NaN where absent, texts empty where absent. message: place of each row's message, ascending,
-        ``(m,)``; None: one row per message.
+    Attributes:
+        kind: of the schema.
+        columns: fields of the kind, ``(m,)`` each: numbers as float64, NaN where absent, texts
+            empty where absent.
+        message: place of each row's message, ascending, ``(m,)``; None: one row per message.
     """
 
     kind: str
@@ -109,7 +113,7 @@ class Session(Protocol):
         """Give what is complete, now that all topics were read equally far."""
         ...
 
-    def finish(self) -> Iterator[Block | Reject | Rejects | Facts]:
+    def finish(self) -> Iterator[Block | Reject | Rejects | SourceMetadata]:
         """Give what is still held, and the metadata."""
         ...
 

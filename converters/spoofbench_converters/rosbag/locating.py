@@ -10,7 +10,7 @@ from typing import IO, Any, Protocol
 
 import apsw
 
-from spoofbench.converting import Source
+from spoofbench.conversion import Source
 from spoofbench.errors import ConversionError, SpoofbenchError
 from spoofbench_converters.rosbag import mcap_log, sqlite_log
 

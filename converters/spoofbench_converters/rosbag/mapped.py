@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns
+from spoofbench.conversion import Columns
 from spoofbench.errors import ConversionError
-from spoofbench.gps_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds_at_gps
+from spoofbench.gnss_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds_at_gps
 from spoofbench.schema import KINDS
 from spoofbench_converters.rosbag.definitions import Definitions
 from spoofbench_converters.rosbag.family import Part, Said

@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from spoofbench.converting import Columns
+from spoofbench.conversion import Columns
 from spoofbench.schema.v1 import gnss_pb2
 from spoofbench_converters.rosbag.family import Part, Refusal, Said
 from spoofbench_converters.rosbag.fields import Fields, Floats

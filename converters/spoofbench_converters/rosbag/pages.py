@@ -46,10 +46,14 @@ class Unusual(Exception):
 class Cells:
     """Successive messages, where they lie.
 
-    Attributes: octets: pages of the database. keys: key of each message, increasing, ``(n,)``.
-        topics: number of each message's topic, ``(n,)``. stamps_ns: when the recorder got each,
-        ``(n,)``. starts: where each message's bytes start in ``octets``, ``(n,)``. lengths: bytes
-        of each, ``(n,)``; of topics that are not wanted, they need not all be in ``octets``.
+    Attributes:
+        octets: pages of the database.
+        keys: key of each message, increasing, ``(n,)``.
+        topics: number of each message's topic, ``(n,)``.
+        stamps_ns: when the recorder got each, ``(n,)``.
+        starts: where each message's bytes start in ``octets``, ``(n,)``.
+        lengths: bytes of each, ``(n,)``; of topics that are not wanted, they need not all be in
+            ``octets``.
     """
 
     octets: NDArray[np.uint8]

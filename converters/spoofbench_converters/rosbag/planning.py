@@ -45,11 +45,14 @@ class Outlet:
 class Plan:
     """What becomes of a bag's topics.
 
-    Attributes: devices: topics that are on one clock. outlets: by number of a topic. sources:
-        metadata by source. declined: why topics are not taken whose types are known, by number.
-        asked: beginnings of the kinds of which one device alone is asked for. primary: the source
-        whose solution has position and velocity and is not filtered, if the first in the order of
-        names has not.
+    Attributes:
+        devices: topics that are on one clock.
+        outlets: by number of a topic.
+        sources: metadata by source.
+        declined: why topics are not taken whose types are known, by number.
+        asked: beginnings of the kinds of which one device alone is asked for.
+        primary: the source whose solution has position and velocity and is not filtered, if the
+            first in the order of names has not.
     """
 
     devices: list[list[Topic]] = field(default_factory=list)

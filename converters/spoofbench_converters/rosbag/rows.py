@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Block, Columns, InOrder, Rejects
-from spoofbench.converting.ordering import join, take
+from spoofbench.conversion import Block, Columns, Rejects, TimeSorter
+from spoofbench.conversion.rows import join, take
 from spoofbench.recording import Column, Table, encode_words
 from spoofbench.schema import KINDS, topic_of
 
@@ -46,7 +46,7 @@ class RowStream:
 
     def __init__(self, source: str, kind: str) -> None:
         self.source, self.kind = source, kind
-        self._order = InOrder()
+        self._order = TimeSorter()
 
     def push(self, side: str, rows: Columns) -> Iterator[Block | Rejects]:
         """Take the next rows in bag order; they bear ``time_ns``, ``receive_time_ns``, ``record``
@@ -85,7 +85,7 @@ class PairStream:
         """Take the source, what the receiver is called in rejects, and the sides that there are."""
         self.source = source
         self._where = device or f"/{source}/gnss/pvt"
-        self._order = {side: InOrder() for side in sides}
+        self._order = {side: TimeSorter() for side in sides}
         self._waiting: dict[str, Columns] = {side: {} for side in self._order}
         self._latest_ns: dict[str, int] = {}
 

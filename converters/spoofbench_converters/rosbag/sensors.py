@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Block, Columns, Facts, Reject, Rejects
-from spoofbench.converting.ordering import take
+from spoofbench.conversion import Block, Columns, Reject, Rejects, SourceMetadata
+from spoofbench.conversion.rows import take
 from spoofbench_converters.rosbag import slabs
 from spoofbench_converters.rosbag.clocks import Clock, Meter, decide
 from spoofbench_converters.rosbag.family import Options, Said, in_bag_order, refused
@@ -106,7 +106,7 @@ class Sensors:
         for stream in dict.fromkeys(self._streams.values()):
             yield from stream.settle()
 
-    def finish(self) -> Iterator[Block | Reject | Rejects | Facts]:
+    def finish(self) -> Iterator[Block | Reject | Rejects | SourceMetadata]:
         """See :class:`spoofbench_converters.rosbag.family.Session`."""
         yield from self._decide()
         for stream in dict.fromkeys(self._streams.values()):
@@ -127,7 +127,7 @@ class Sensors:
             recording["recorder_offset_s"] = f"{-self._ahead_ns / 1e9:.6f}"
         if self._plan.primary:
             facts["primary"] = {"gnss/pvt": self._plan.primary}
-        yield Facts({**facts, "recording": recording})
+        yield SourceMetadata({**facts, "recording": recording})
 
     def _decide(self) -> Iterator[Block | Rejects]:
         """Decide the clocks, and give what waited for it."""

@@ -13,13 +13,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Block, Columns, Facts, Reject, Rejects
+from spoofbench.conversion import Block, Columns, Reject, Rejects, SourceMetadata
 from spoofbench.recording import Column
 from spoofbench_converters.rosbag import slabs
 from spoofbench_converters.rosbag.layouts import Group
 from spoofbench_converters.rosbag.rows import RowStream
 from spoofbench_converters.rosbag.slabs import Payloads, Topic
-from spoofbench_converters.stream.contract import Epochs, Frames, Rows
+from spoofbench_converters.serial.contract import Epochs, Frames, Rows
 
 SENTENCE = "nmea_msgs/msg/Sentence"
 _NAV, _RXM, _MON, _TIM, _ESF, _SEC, _HNR = 0x01, 0x02, 0x0A, 0x0D, 0x10, 0x27, 0x28
@@ -62,7 +62,7 @@ class _Frames(Frames):
 
 
 class _Decoder(Protocol):
-    """See :class:`spoofbench_converters.stream.contract.Decoder`."""
+    """See :class:`spoofbench_converters.serial.contract.Decoder`."""
 
     def push(self, frames: Frames) -> Iterator[Epochs | Rejects]: ...
 
@@ -123,7 +123,7 @@ class Serial:
         if waiting:
             yield from self._items(self._decoder.push(_in_bag_order(waiting)))
 
-    def finish(self) -> Iterator[Block | Reject | Rejects | Facts]:
+    def finish(self) -> Iterator[Block | Reject | Rejects | SourceMetadata]:
         """See :class:`spoofbench_converters.rosbag.family.Session`."""
         yield from self.settle()
         yield from self._items(self._decoder.finish())
@@ -134,7 +134,7 @@ class Serial:
             "topic": self._topics,
             "time": "recorder's stamps, an epoch's that of its first message",
         }
-        yield Facts(
+        yield SourceMetadata(
             {
                 f"source/{name}": {**told.get(source, {}), **here}
                 for source, name in self._sources.items()

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Reject, Rejects
+from spoofbench.conversion import Reject, Rejects
 from spoofbench.errors import LimitError
 
 SLAB_MESSAGES = 16_384
@@ -44,10 +44,14 @@ class Topic:
 class Payloads:
     """Successive messages of one topic.
 
-    Attributes: octets: bytes among which theirs lie. starts: where each starts, ``(n,)``. lengths:
-        bytes of each, ``(n,)``. records: ordinal of each in the bag, ``(n,)``. stamps_ns: when the
-        recorder got each, ``(n,)``. appended_ns: by how much that was put forward, for the
-        recorder's clock jumped back before, ``(n,)``; None: by nothing.
+    Attributes:
+        octets: bytes among which theirs lie.
+        starts: where each starts, ``(n,)``.
+        lengths: bytes of each, ``(n,)``.
+        records: ordinal of each in the bag, ``(n,)``.
+        stamps_ns: when the recorder got each, ``(n,)``.
+        appended_ns: by how much that was put forward, for the recorder's clock jumped back before,
+            ``(n,)``; None: by nothing.
     """
 
     octets: NDArray[np.uint8]

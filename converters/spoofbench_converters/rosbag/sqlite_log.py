@@ -15,7 +15,7 @@ import apsw
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Reject, Rejects
+from spoofbench.conversion import Reject, Rejects
 from spoofbench.errors import ConversionError
 from spoofbench_converters.rosbag.definitions import normal_name
 from spoofbench_converters.rosbag.pages import FIRST_KEY, LAST_KEY, Pages, Unusual

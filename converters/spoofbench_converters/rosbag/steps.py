@@ -13,7 +13,7 @@ import numpy as np
 from spoofbench_converters.rosbag.slabs import Payloads
 
 MAX_STEPS = 1000
-_WINDOW_NS = 1_000_000_000  # as of InOrder: less is sorted in
+_WINDOW_NS = 1_000_000_000  # as of TimeSorter: less is sorted in
 
 
 class Steps:

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from spoofbench.converting import Block, Columns, InOrder, Reject, Rejects
-from spoofbench.converting.ordering import join, take
+from spoofbench.conversion import Block, Columns, Reject, Rejects, TimeSorter
+from spoofbench.conversion.rows import join, take
 from spoofbench_converters.rosbag.family import rejects
 from spoofbench_converters.rosbag.rows import BACKWARDS, PairStream, block
 
@@ -25,7 +25,7 @@ class ImuStream:
         self._given_s = interval_s
         self._interval_s = interval_s
         self._waiting: Columns = {}
-        self._order = InOrder()
+        self._order = TimeSorter()
 
     def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject | Rejects]:
         """Take the next rows in bag order; the first thousand wait until the interval is known from
@@ -100,7 +100,7 @@ class PvaStream:
 
     def __init__(self, source: str, topic: str) -> None:
         self.source, self.topics = source, (topic,)
-        self._order = InOrder()
+        self._order = TimeSorter()
 
     def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject | Rejects]:
         """Take the next rows in bag order."""

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from spoofbench.converting import Block, Extent, Facts, Item, Reject, Rejects, Source
+from spoofbench.conversion import Block, Item, Reject, Rejects, SizeHint, Source, SourceMetadata
 from spoofbench.errors import ConversionError
 from spoofbench.recording import Table
 from spoofbench.schema import split_topic
@@ -36,12 +36,16 @@ UNIT: Literal["bytes"] = "bytes"
 class Options:
     """Options of the converter.
 
-    Attributes: mapping: the path of a mapping, or the name of one that comes with the converter;
-        None: the one that knows the log. date: UTC date or time of the first row, for clocks
-        without date (``2025-07-08`` or ``2025-07-08T19:34:18.5``). append_clock: a clock that jumps
-        back goes on at its interval, instead of its rows being skipped. source: the one source to
-        convert, such as ``gnss1``, where the mapping has several of a kind. session: name of the
-        session, shared by its recordings.
+    Attributes:
+        mapping: the path of a mapping, or the name of one that comes with the converter; None: the
+            one that knows the log.
+        date: UTC date or time of the first row, for clocks without date (``2025-07-08`` or
+            ``2025-07-08T19:34:18.5``).
+        append_clock: a clock that jumps back goes on at its interval, instead of its rows being
+            skipped.
+        source: the one source to convert, such as ``gnss1``, where the mapping has several of a
+            kind.
+        session: name of the session, shared by its recordings.
     """
 
     mapping: str | None = None
@@ -52,7 +56,7 @@ class Options:
 
 
 def convert(source: Source, options: Options) -> Iterator[Item]:
-    """Yield what the tables hold; see :class:`spoofbench.converting.Converter`."""
+    """Yield what the tables hold; see :class:`spoofbench.conversion.Converter`."""
     session = open_session(source, options.mapping)
     if options.source is not None:
         session = replace(session, mapping=_only(session.mapping, options.source))
@@ -65,9 +69,9 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
         ]
     ]
     if None not in sizes:
-        yield Extent(sum(size or 0 for size in sizes))
+        yield SizeHint(sum(size or 0 for size in sizes))
     start_ns, facts = start_of(session, options.date)
-    yield Facts(
+    yield SourceMetadata(
         {
             "recording": {"clock": session.mapping.clock, "mapping": session.mapping.name, **facts},
             **session.mapping.sources,
@@ -95,15 +99,15 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
         yield Reject(base, octets, "a file that is not in the mapping")
         base += octets
     if options.session is not None:
-        yield Facts({"recording": {"session_id": options.session}})
+        yield SourceMetadata({"recording": {"session_id": options.session}})
 
 
-def _learned(topics: Topics) -> Iterator[Facts]:
+def _learned(topics: Topics) -> Iterator[SourceMetadata]:
     """Yield what the rows of a table showed."""
     for topic, held in topics.held.items():
-        yield Facts({f"source/{split_topic(topic)[0]}": {"repeated_rows": str(held)}})
+        yield SourceMetadata({f"source/{split_topic(topic)[0]}": {"repeated_rows": str(held)}})
     if topics.steps:
-        yield Facts(
+        yield SourceMetadata(
             {
                 "recording": {
                     "clock_steps": json.dumps(topics.steps),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.errors import ConversionError
-from spoofbench.gps_time import DAY_NS, SECOND_NS
+from spoofbench.gnss_time import DAY_NS, SECOND_NS
 from spoofbench_converters.table.fields import TimeSpec, moment_ns
 from spoofbench_converters.table.mapping import Anchor, TableSpec
 from spoofbench_converters.table.reading import rows

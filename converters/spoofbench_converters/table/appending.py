@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns
-from spoofbench.converting.ordering import SECOND_NS, join, take
+from spoofbench.conversion import Columns
+from spoofbench.conversion.rows import SECOND_NS, join, take
 
 MAX_STEPS = 1000
 
@@ -16,8 +16,10 @@ class Appending:
     A lone row that leaps ahead and back is left as it is. The same rows give the same result
     however they are cut.
 
-    Attributes: steps: the first 1000 jumps: ``offset`` of the row in the source, ``from_ns`` and
-        ``to_ns`` of the log's own clock. step_count: how many there were.
+    Attributes:
+        steps: the first 1000 jumps: ``offset`` of the row in the source, ``from_ns`` and ``to_ns``
+            of the log's own clock.
+        step_count: how many there were.
     """
 
     def __init__(self, window_ns: int = SECOND_NS) -> None:

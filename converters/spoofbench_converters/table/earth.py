@@ -12,8 +12,9 @@ def geodetic(columns: Mapping[str, Floats]) -> dict[str, Floats]:
     """Return ``lat_deg lon_deg height_m`` on WGS 84 and ``vel_n_mps vel_e_mps vel_d_mps``, each
     ``(n,)``.
 
-    Args: columns: ``ecef_position[0..2]`` in metres, and, if there is a velocity,
-        ``ecef_velocity[0..2]`` in m/s.
+    Args:
+        columns: ``ecef_position[0..2]`` in metres, and, if there is a velocity,
+            ``ecef_velocity[0..2]`` in m/s.
     """
     import pymap3d
 

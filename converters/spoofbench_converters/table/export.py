@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.errors import ConversionError
-from spoofbench.gps_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS
+from spoofbench.gnss_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS
 from spoofbench.recording import Recording, Table
 from spoofbench_converters.table.earth import earth_centred
 from spoofbench_converters.table.fields import ECEF, FieldSpec, TimeSpec
@@ -30,15 +30,18 @@ def export(recording: Recording, mapping: str | Path, out: Path) -> tuple[Path, 
     Converted again by the same mapping they give the rows of the recording that the mapping can
     say.
 
-    Args: recording: rows of other topics than the mapping's are left out. mapping: the path of a
-        mapping, or the name of a ready one. out: a ``.csv`` or ``.parquet`` file for one table,
-        else a folder for one CSV file per table.
+    Args:
+        recording: rows of other topics than the mapping's are left out.
+        mapping: the path of a mapping, or the name of a ready one.
+        out: a ``.csv`` or ``.parquet`` file for one table, else a folder for one CSV file per
+            table.
 
     Returns:
         the files written.
 
-    Raises: ConversionError: the recording has none of the mapping's topics, or the tables are of a
-        format that is only read.
+    Raises:
+        ConversionError: the recording has none of the mapping's topics, or the tables are of a
+            format that is only read.
     """
     chosen = load_mapping(mapping)
     tables = [

@@ -65,16 +65,22 @@ class FieldSpec:
 class TimeSpec:
     """How cells tell time.
 
-    Attributes: column: a number or a text. unit: of the number; None: a text. format: of the text:
-        ``iso``, or a pattern of ``strptime``. date: a column with the date, which stands before the
-        text or whose day the number counts in. date_format: of the date where a number counts in
-        its day: a pattern, else ``iso``. week: a column with the GPS week, whose second the number
-        counts. since_ns: Unix time that the number counts from; None: when the clock was started,
-        or a day that is given elsewhere. of_day: whether the number counts from midnight, or the
-        text has no date. scale: ``utc`` or ``gps``; a time of GPS is ahead by the leap seconds.
-        zone: what a text without zone is in. leap_seconds: GPS minus UTC where the mapping declares
-        it. wraps: the number starts over at this value; 0: it does not. also: further columns that
-        are read beside it.
+    Attributes:
+        column: a number or a text.
+        unit: of the number; None: a text.
+        format: of the text: ``iso``, or a pattern of ``strptime``.
+        date: a column with the date, which stands before the text or whose day the number counts
+            in.
+        date_format: of the date where a number counts in its day: a pattern, else ``iso``.
+        week: a column with the GPS week, whose second the number counts.
+        since_ns: Unix time that the number counts from; None: when the clock was started, or a day
+            that is given elsewhere.
+        of_day: whether the number counts from midnight, or the text has no date.
+        scale: ``utc`` or ``gps``; a time of GPS is ahead by the leap seconds.
+        zone: what a text without zone is in.
+        leap_seconds: GPS minus UTC where the mapping declares it.
+        wraps: the number starts over at this value; 0: it does not.
+        also: further columns that are read beside it.
     """
 
     column: str

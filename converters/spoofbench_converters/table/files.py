@@ -9,8 +9,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import IO, Literal
 
-from spoofbench.converting import Member, Source
-from spoofbench.converting.sources import HEAD_BYTES
+from spoofbench.conversion import Member, Source
+from spoofbench.conversion.sources import HEAD_BYTES
 from spoofbench.errors import ConversionError, LimitError
 
 MAX_FILE_BYTES = 2 * 2**30

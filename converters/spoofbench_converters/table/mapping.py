@@ -2,8 +2,9 @@
 
 A mapping has tables, a table has a time and topics, a topic has fields, and a field has a column::
 
-    about = "A car logger at 50 Hz" clock = "sensor"                                    # what the
-    time is told by: sensor, recorder or gnss
+    about = "A car logger at 50 Hz"
+    # what the time is told by: sensor, recorder or gnss
+    clock = "sensor"
 
     [source.imu0]
     axes = "flu"                                        # metadata of a source, as in a recording
@@ -20,14 +21,15 @@ A mapping has tables, a table has a time and topics, a topic has fields, and a f
     accel = { columns = ["ax", "ay", "-az"], unit = "g" }
     gyro_z_radps = { column = "yawrate", unit = "deg/s" }
 
-    [table.log."/gnss0/gnss/pvt"] changes = ["lat", "lon"]                            # a row only
-    where one of these differs from the row before lat_deg = "lat"
-    # in the field's own unit fix_type = { column = "q", values = { 1 = "RTK_FIXED", 2 = "RTK_FLOAT"
-    } }
+    [table.log."/gnss0/gnss/pvt"]
+    # a row only where one of these differs from the row before
+    changes = ["lat", "lon"]
+    lat_deg = "lat"                                     # in the field's own unit
+    fix_type = { column = "q", values = { 1 = "RTK_FIXED", 2 = "RTK_FLOAT" } }
 
 The README beside the ready mappings lists every key. A leading minus negates a column. The columns
-of a ROS message are the paths of its fields (``imu.linear_acceleration.x``), and those of an array
-``value[0]``.
+of a ROS message are
+the paths of its fields (``imu.linear_acceleration.x``), and those of an array ``value[0]``.
 """
 
 import tomllib
@@ -70,12 +72,17 @@ _TABLE_SETTINGS = (
 class Layout:
     """How a table is written down.
 
-    Attributes: format: None: told by content. delimiter: one character, or ``whitespace``: runs of
-        blanks and tabs. header: whether the first line names the columns. comment: lines that start
-        with it are no rows. skip_lines: lines before the header that are no rows. decimal_comma:
-        whether numbers are written ``1,5``. encoding: ``utf-8`` or ``latin-1``. variable: name of
-        the matrix in a MAT file. index: name of the array in each folder of arrays by which the
-        rows of several folders are matched.
+    Attributes:
+        format: None: told by content.
+        delimiter: one character, or ``whitespace``: runs of blanks and tabs.
+        header: whether the first line names the columns.
+        comment: lines that start with it are no rows.
+        skip_lines: lines before the header that are no rows.
+        decimal_comma: whether numbers are written ``1,5``.
+        encoding: ``utf-8`` or ``latin-1``.
+        variable: name of the matrix in a MAT file.
+        index: name of the array in each folder of arrays by which the rows of several folders are
+            matched.
     """
 
     format: Format | None
@@ -139,10 +146,13 @@ class TopicSpec:
 class TableSpec:
     """One table, which may be spread over several files, or the messages of one type.
 
-    Attributes: files: patterns of paths within the folder or archive. messages: patterns of ROS
-        message types (``package/Type``). columns: names of the columns; of a table with a header,
-        all that it may have, by which it is recognised. signature: what a comment before a table
-        without header starts with, by which it is recognised; runs of blanks are one.
+    Attributes:
+        files: patterns of paths within the folder or archive.
+        messages: patterns of ROS message types (``package/Type``).
+        columns: names of the columns; of a table with a header, all that it may have, by which it
+            is recognised.
+        signature: what a comment before a table without header starts with, by which it is
+            recognised; runs of blanks are one.
     """
 
     name: str
@@ -196,8 +206,9 @@ def ready_names() -> tuple[str, ...]:
 def load_mapping(path_or_name: str | Path) -> Mapping:
     """Return a ready mapping by its name, or a mapping by the path of its TOML file.
 
-    Raises: ConversionError: there is none, or it does not say what it must; the text says where and
-        what is near.
+    Raises:
+        ConversionError: there is none, or it does not say what it must; the text says where and
+            what is near.
     """
     text = str(path_or_name)
     if text in ready_names():

@@ -6,8 +6,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from spoofbench.converting import Rejects
-from spoofbench.converting.sources import HEAD_BYTES
+from spoofbench.conversion import Rejects
+from spoofbench.conversion.sources import HEAD_BYTES
 from spoofbench.errors import ConversionError
 from spoofbench_converters.table import arrays
 from spoofbench_converters.table.files import File, array_name

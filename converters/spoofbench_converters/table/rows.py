@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from spoofbench.converting import Block, Columns, InOrder, Item, Rejects
-from spoofbench.converting.ordering import take
+from spoofbench.conversion import Block, Columns, Item, Rejects, TimeSorter
+from spoofbench.conversion.rows import take
 from spoofbench.errors import ConversionError
 from spoofbench.recording import Table
 from spoofbench_converters.table.appending import Appending
@@ -66,7 +66,7 @@ class Topics:
         assert table.time is not None
         self._clock = Clock(table.time, start_ns)
         self._topics = [Topic(topic, f"{place}|") for place, topic in enumerate(table.topics)]
-        self._order = InOrder()
+        self._order = TimeSorter()
         self._appending = Appending() if append_clock else None
 
     @property

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
-from spoofbench.converting import Source
+from spoofbench.conversion import Source
 from spoofbench.errors import ConversionError
 from spoofbench_converters.table.files import File, array_name, files_in, files_of, fits
 from spoofbench_converters.table.mapping import Mapping, TableSpec, load_mapping, ready_names

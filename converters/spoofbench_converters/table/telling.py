@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.gps_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds
+from spoofbench.gnss_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds
 from spoofbench_converters.table.fields import TimeSpec
 from spoofbench_converters.table.times import ns_per, offset_ns
 
@@ -78,9 +78,9 @@ def _texts(spec: TimeSpec, own_ns: NDArray[np.int64]) -> dict[str, Any]:
 def _written(own_ns: NDArray[np.int64], pattern: str, unit: str) -> NDArray[Any]:
     """Return times as text, by a pattern or in ISO 8601 with a blank."""
     if pattern == "iso":
-        return np.char.replace(
-            np.datetime_as_string(own_ns.astype("datetime64[ns]"), unit=unit), "T", " "
-        )  # type: ignore[call-overload]
+        moments = own_ns.astype("datetime64[ns]")
+        texts = np.datetime_as_string(moments, unit=unit)  # type: ignore[call-overload]
+        return np.char.replace(texts, "T", " ")
     import pandas as pd
 
     return np.asarray(pd.DatetimeIndex(own_ns.astype("datetime64[ns]")).strftime(pattern), str)

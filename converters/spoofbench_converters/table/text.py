@@ -15,7 +15,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Rejects
+from spoofbench.conversion import Rejects
 from spoofbench.errors import ConversionError
 from spoofbench_converters.table.cells import NULLS
 from spoofbench_converters.table.mapping import Layout
@@ -46,9 +46,11 @@ _ENDLESS = "a record of more than 1 MiB"
 class Rows:
     """Successive rows of a table.
 
-    Attributes: columns: Arrow arrays ``(n,)`` by name; null is an empty cell. offsets, lengths:
-        int64 ``(n,)``, where each row lies in the source and what it takes of it. besides: units of
-        the source that are understood, but no rows: header, comments, blank lines.
+    Attributes:
+        columns: Arrow arrays ``(n,)`` by name; null is an empty cell.
+        offsets, lengths: int64 ``(n,)``, where each row lies in the source and what it takes of it.
+        besides: units of the source that are understood, but no rows: header, comments, blank
+            lines.
     """
 
     columns: Mapping[str, Any]

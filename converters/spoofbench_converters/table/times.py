@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.gps_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds_at_gps
+from spoofbench.gnss_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds_at_gps
 from spoofbench_converters.table.cells import Bools, numbers, words
 from spoofbench_converters.table.counting import LIMIT_NS, counts
 from spoofbench_converters.table.fields import TimeSpec
@@ -26,8 +26,10 @@ def gps_to_utc(gps_ns: NDArray[np.int64], leap_seconds: int | None = None) -> ND
 class Clock:
     """Reads the time of rows as they stream by: a number that starts over is continued.
 
-    Args: spec: what the mapping says. start_ns: Unix time, UTC, at which the count of a clock
-        without date is 0; of a time of day, a day's midnight.
+    Args:
+        spec: what the mapping says.
+        start_ns: Unix time, UTC, at which the count of a clock without date is 0; of a time of day,
+            a day's midnight.
     """
 
     def __init__(self, spec: TimeSpec, start_ns: int = 0) -> None:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Columns
+from spoofbench.conversion import Columns
 from spoofbench.errors import LimitError
-from spoofbench.gps_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds
+from spoofbench.gnss_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds
 from spoofbench.recording import Column, Table
 from spoofbench.schema import KINDS
 from spoofbench_converters.table import cells

@@ -5,7 +5,7 @@ them (HNR).
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench_converters.stream.contract import Rows
+from spoofbench_converters.serial.contract import Rows
 from spoofbench_converters.ubx.batch import NO_ACCURACY, Batch, Fields, Picked, scaled
 from spoofbench_converters.ubx.claims import Claims
 from spoofbench_converters.ubx.frames import Ints

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.gps_time import GPS_EPOCH_NS, LEAP_SECONDS, SECOND_NS, leap_seconds_at_gps
-from spoofbench_converters.stream.contract import ABSENT_NS, DAY_NS, WEEK_NS
+from spoofbench.gnss_time import GPS_EPOCH_NS, LEAP_SECONDS, SECOND_NS, leap_seconds_at_gps
+from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS, WEEK_NS
 from spoofbench_converters.ubx.batch import Batch, Picked
 from spoofbench_converters.ubx.frames import ROLES, Ints
 from spoofbench_converters.ubx.gpstime import MS_NS, utc_ns, week_of
@@ -20,10 +20,11 @@ _WEEK_MS = WEEK_NS // MS_NS
 class Claims:
     """By epoch; the first two as in ``Epochs``.
 
-    Attributes: week, tow_s: GPS week and time of week, NaN where not told; the week that UTC and
-        time of week imply, where no message tells it. time_valid: whether the receiver says that
-        its time is valid; NaN where it does not say. time_ms: time of week of the navigation epoch,
-        -1 where none.
+    Attributes:
+        week, tow_s: GPS week and time of week, NaN where not told; the week that UTC and time of
+            week imply, where no message tells it.
+        time_valid: whether the receiver says that its time is valid; NaN where it does not say.
+        time_ms: time of week of the navigation epoch, -1 where none.
     """
 
     claimed_ns: Ints

@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from spoofbench.converting import Rejects
+from spoofbench.conversion import Rejects
 from spoofbench.errors import ConversionError
-from spoofbench_converters.stream.contract import ABSENT_NS, Epochs, Frames, Rows
+from spoofbench_converters.serial.contract import ABSENT_NS, Epochs, Frames, Rows
 from spoofbench_converters.ubx import attitude, receiver, satellites
 from spoofbench_converters.ubx.batch import Batch
 from spoofbench_converters.ubx.claims import Clockwork

@@ -9,8 +9,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.converting import Rejects
-from spoofbench_converters.stream.contract import Frames
+from spoofbench.conversion import Rejects
+from spoofbench_converters.serial.contract import Frames
 from spoofbench_converters.ubx.messages import (
     FRAME_OVERHEAD,
     MESSAGES,

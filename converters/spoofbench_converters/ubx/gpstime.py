@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.gps_time import SECOND_NS, WEEK_NS
-from spoofbench_converters.stream.contract import ABSENT_NS
+from spoofbench.gnss_time import SECOND_NS, WEEK_NS
+from spoofbench_converters.serial.contract import ABSENT_NS
 
 Ints = NDArray[np.int64]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.recording import Column
-from spoofbench_converters.stream.contract import Rows
+from spoofbench_converters.serial.contract import Rows
 from spoofbench_converters.ubx.batch import Batch, Cells, Picked
 from spoofbench_converters.ubx.frames import Ints
 from spoofbench_converters.ubx.gpstime import MS_NS

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from spoofbench.recording import Column
 from spoofbench.schema import KINDS
-from spoofbench_converters.stream.contract import ABSENT_NS, Rows
+from spoofbench_converters.serial.contract import ABSENT_NS, Rows
 from spoofbench_converters.ubx.frames import Ints
 
 

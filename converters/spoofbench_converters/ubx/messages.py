@@ -32,10 +32,13 @@ class Role(IntEnum):
 class Message:
     """One message: a head of constant layout, then blocks of one layout.
 
-    Attributes: head, block: layouts; ``block`` None where there are none. count: field of the head
-        that gives the number of blocks; empty where only the length gives it. lengths: payload
-        lengths of its versions; empty where it has blocks. A shorter version lacks the last fields,
-        which read 0. time: field of the head with the time of week, in ms (s in RXM-RAWX).
+    Attributes:
+        head, block: layouts; ``block`` None where there are none.
+        count: field of the head that gives the number of blocks; empty where only the length gives
+            it.
+        lengths: payload lengths of its versions; empty where it has blocks. A shorter version lacks
+            the last fields, which read 0.
+        time: field of the head with the time of week, in ms (s in RXM-RAWX).
     """
 
     name: str

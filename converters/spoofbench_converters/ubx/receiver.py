@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from spoofbench.recording import Column
 from spoofbench.schema.v1 import gnss_pb2
-from spoofbench_converters.stream.contract import Rows
+from spoofbench_converters.serial.contract import Rows
 from spoofbench_converters.ubx.batch import NO_ACCURACY, Batch, Cells, absent_where, scaled
 from spoofbench_converters.ubx.frames import Ints
 from spoofbench_converters.ubx.messages import MON_HW_6, SEC_SIG

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.recording import Column, encode_words
-from spoofbench_converters.stream.contract import Rows
+from spoofbench_converters.serial.contract import Rows
 from spoofbench_converters.ubx.batch import Batch, Cells, absent_where
 from spoofbench_converters.ubx.frames import Ints
 from spoofbench_converters.ubx.numbering import GLONASS, constellation, numbered, signal_codes

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spoofbench.recording import Column
 from spoofbench.schema.v1 import gnss_pb2
-from spoofbench_converters.stream.contract import Rows
+from spoofbench_converters.serial.contract import Rows
 from spoofbench_converters.ubx.batch import (
     NO_ACCURACY,
     NO_DOP,
@@ -62,10 +62,12 @@ def fix_type(
     """Return the schema's ``FixType`` of u-blox's, as floats, NaN where it is none of the described
     (UBX-NAV-PVT, fixType and flags).
 
-    Args: fix: 0 none, 1 dead reckoning, 2 2D, 3 3D, 4 GNSS and dead reckoning, 5 time only. ok:
-        within the limits of accuracy and dilution that the user set; what is not is no fix.
+    Args:
+        fix: 0 none, 1 dead reckoning, 2 2D, 3 3D, 4 GNSS and dead reckoning, 5 time only.
+        ok: within the limits of accuracy and dilution that the user set; what is not is no fix.
         differential: corrections were applied; told of 3D fixes only, for others it is the lesser
-        fact. carrier: carrier phase solution: 1 with floating ambiguities, 2 with fixed ones.
+            fact.
+        carrier: carrier phase solution: 1 with floating ambiguities, 2 with fixed ones.
     """
     result = np.where(fix < _FIX.size, _FIX[np.minimum(fix, _FIX.size - 1)], np.nan)
     result[(fix == 3) & differential] = gnss_pb2.FIX_TYPE_DIFFERENTIAL

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from spoofbench_acceleration import AccelerationMonitor
 
-from spoofbench.detecting import detect
+from spoofbench.detector import detect
 from spoofbench.errors import PluginError, RecordingError
 from spoofbench.plugins import DETECTORS, make
 from spoofbench.recording import Recording, Table

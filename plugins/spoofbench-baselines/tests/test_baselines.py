@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spoofbench_baselines import Always, Never, Periodic, Random, ReceiverFlag
 
-from spoofbench.detecting import detect
+from spoofbench.detector import detect
 from spoofbench.recording import Column, Recording, Table
 from spoofbench.testing import check_detector, drive
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from spoofbench_correlation import Correlation
 
-from spoofbench.detecting import Decisions, detect
+from spoofbench.detector import Decisions, detect
 from spoofbench.recording import Recording, Table
 from spoofbench.testing import drive, spoofed_drive
 

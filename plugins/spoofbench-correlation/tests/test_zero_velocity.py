@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from spoofbench_correlation import ZeroVelocity
 
-from spoofbench.detecting import detect
+from spoofbench.detector import detect
 from spoofbench.recording import Recording, Table
 from spoofbench.testing import drive, spoofed_drive
 

@@ -13,7 +13,7 @@ from spoofbench_innovation import InnovationMonitor, gains
 from spoofbench_innovation.grades import GRADES
 from spoofbench_innovation.preintegration import rotations
 
-from spoofbench.detecting import Trainable, detect
+from spoofbench.detector import Trainable, detect
 from spoofbench.errors import PluginError, RecordingError
 from spoofbench.plugins import DETECTORS, make
 from spoofbench.recording import Recording, Table

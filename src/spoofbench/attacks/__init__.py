@@ -1,5 +1,11 @@
 """The attack's contract, and the attacks that come with spoofbench."""
 
-from spoofbench.attacks.contract import Attack, Supplied, draw_window, falsify, supply_of
+from spoofbench.attacks.contract import (
+    Attack,
+    HasAttackableSpan,
+    attackable_span,
+    draw_window,
+    make_variant,
+)
 
-__all__ = ["Attack", "Supplied", "draw_window", "falsify", "supply_of"]
+__all__ = ["Attack", "HasAttackableSpan", "attackable_span", "draw_window", "make_variant"]

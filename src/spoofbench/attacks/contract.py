@@ -1,7 +1,7 @@
 """The attack's contract: a clean recording in, a falsified one out.
 
 An attack is a frozen dataclass whose fields are its parameters, behind an entry point of the group
-``spoofbench.attacks``. It returns falsified tables and nothing more; :func:`falsify` holds it to
+``spoofbench.attacks``. It returns falsified tables and nothing more; :func:`make_variant` holds it to
 the laws, removes what it does not model, rounds, and writes the truth.
 """
 
@@ -13,7 +13,12 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from spoofbench.attacks.laws import Falsified, belongs_together, falsified, touches_gnss_alone
+from spoofbench.attacks.laws import (
+    AttackedTable,
+    check_consistency,
+    check_only_gnss_changed,
+    falsified,
+)
 from spoofbench.errors import NotApplicable, PluginError, SpoofbenchError
 from spoofbench.recording import Interval, Recording, Table
 from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
@@ -23,9 +28,11 @@ from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
 class Attack(Protocol):
     """A spoofing attack on a recording; it refuses parameters that make no sense by ``ValueError``.
 
-    Attributes: models: the GNSS kinds whose change it models; other GNSS-derived kinds leave the
-        variant. attack_class: ``replay``, ``meaconing``, ``generated``, ...; ``time`` alone may
-        change the claimed times. level: what it falsifies: ``pvt``, ``measurement`` or ``signal``.
+    Attributes:
+        models: the GNSS kinds whose change it models; other GNSS-derived kinds leave the variant.
+        attack_class: ``replay``, ``meaconing``, ``generated``, ...; ``time`` alone may change the
+            claimed times.
+        level: what it falsifies: ``pvt``, ``measurement`` or ``signal``.
         strength: how strong it is, in ``strength_unit``; 0 changes nothing.
     """
 
@@ -59,10 +66,10 @@ class Attack(Protocol):
 
 
 @runtime_checkable
-class Supplied(Protocol):
+class HasAttackableSpan(Protocol):
     """An attack that needs material from other times or other recordings."""
 
-    def supply(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
+    def attackable_span(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
         """Return the interval of the clean recording within which a window can be supplied.
 
         Raises:
@@ -71,14 +78,18 @@ class Supplied(Protocol):
         ...
 
 
-def supply_of(attack: Attack, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
+def attackable_span(attack: Attack, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
     """Return the interval within which the attack's window may lie: all of the recording unless the
-    attack is :class:`Supplied`.
+    attack is :class:`HasAttackableSpan`.
 
     Raises:
         NotApplicable: no window can be supplied.
     """
-    return attack.supply(clean, donors) if isinstance(attack, Supplied) else clean.span
+    return (
+        attack.attackable_span(clean, donors)
+        if isinstance(attack, HasAttackableSpan)
+        else clean.span
+    )
 
 
 def draw_window(
@@ -101,7 +112,7 @@ def draw_window(
     return Interval(start_ns, start_ns + duration_ns)
 
 
-def falsify(
+def make_variant(
     name: str,
     attack: Attack,
     clean: Recording,
@@ -115,10 +126,14 @@ def falsify(
     nanosecond after the last one; it lies within the window. Strength 0 gives the clean recording
     itself.
 
-    Args: name: of the attack's entry point. attack: with its parameters. clean: recording without
-        attack. window: where the attack may change rows. seed: of whatever the attack draws; the
-        draw also depends on the name, the parameters, the recordings and the window. donors:
-        further recordings that the attack may take rows from.
+    Args:
+        name: of the attack's entry point.
+        attack: with its parameters.
+        clean: recording without attack.
+        window: where the attack may change rows.
+        seed: of whatever the attack draws; the draw also depends on the name, the parameters, the
+            recordings and the window.
+        donors: further recordings that the attack may take rows from.
 
     Raises:
         NotApplicable: the attack cannot be made here, or changes nothing.
@@ -211,7 +226,7 @@ def _applied(
     donors: Sequence[Recording],
 ) -> Recording:
     try:
-        supply = supply_of(attack, clean, donors)
+        supply = attackable_span(attack, clean, donors)
         if window.start_ns < supply.start_ns or window.end_ns > supply.end_ns:
             start_ns, *edges_ns = (
                 clean.span.start_ns,
@@ -248,10 +263,10 @@ def _held_to_the_laws(
     attacked: Recording,
     window: Interval,
     donors: Sequence[Recording],
-) -> Mapping[str, Falsified]:
+) -> Mapping[str, AttackedTable]:
     try:
-        touches_gnss_alone(clean, attacked)
-        results: dict[str, Falsified] = {}
+        check_only_gnss_changed(clean, attacked)
+        results: dict[str, AttackedTable] = {}
         for topic in attacked:
             if split_topic(topic)[1] not in attack.models:
                 continue
@@ -263,7 +278,7 @@ def _held_to_the_laws(
                     clean[topic],
                     *(donor[other] for donor in donors for other in donor.topics("gnss/pvt")),
                 ]
-                belongs_together(attacked[topic], window, genuine)
+                check_consistency(attacked[topic], window, genuine)
     except PluginError as error:
         raise PluginError(f"attack {name!r}: {error}") from error
     return results

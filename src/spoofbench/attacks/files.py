@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from spoofbench import plugins
-from spoofbench.attacks.contract import draw_window, falsify, supply_of
+from spoofbench.attacks.contract import attackable_span, draw_window, make_variant
 from spoofbench.codec import read, write
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording
@@ -33,8 +33,9 @@ def attack_file(
         duration_s: of the window.
         seed: of the window and of whatever the attack draws.
 
-    Returns: Rows of ``/truth/attack`` as dictionaries, with ``start_s`` and ``end_s`` after the
-        first row added.
+    Returns:
+        Rows of ``/truth/attack`` as dictionaries, with ``start_s`` and ``end_s`` after the first
+        row added.
 
     Raises:
         PluginError: there is no such attack or parameter, or it breaks a law.
@@ -45,11 +46,11 @@ def attack_file(
     clean, given = read(file), [read(donor) for donor in donors]
     if start_s is None:
         window = draw_window(
-            seed, clean.digest(), seed, supply_of(attack, clean, given), duration_s
+            seed, clean.digest(), seed, attackable_span(attack, clean, given), duration_s
         )
     else:
         window = _window(clean, start_s, duration_s)
-    variant = falsify(name, attack, clean, window, seed, given)
+    variant = make_variant(name, attack, clean, window, seed, given)
     write(variant, out)
     first_ns = clean.span.start_ns
     return [

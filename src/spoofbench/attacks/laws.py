@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.attacks.motion import Floats
-from spoofbench.attacks.rounding import resolutions
+from spoofbench.attacks.resolution import resolutions
 from spoofbench.errors import PluginError
 from spoofbench.recording import Column, Interval, Recording, Table, encode_words
 from spoofbench.schema import KINDS, split_topic
@@ -24,7 +24,7 @@ Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Falsified:
+class AttackedTable:
     """A table that keeps the laws, and the times of its first and last changed or deleted row; None
     where there is none.
     """
@@ -33,7 +33,7 @@ class Falsified:
     changed_ns: tuple[int, int] | None
 
 
-def touches_gnss_alone(clean: Recording, attacked: Recording) -> None:
+def check_only_gnss_changed(clean: Recording, attacked: Recording) -> None:
     """Refuse changed metadata, and a changed, added or removed topic that no spoofer of GNSS
     signals can touch.
 
@@ -58,7 +58,7 @@ def touches_gnss_alone(clean: Recording, attacked: Recording) -> None:
         )
 
 
-def falsified(clean: Table, attacked: Table, window: Interval, about_time: bool) -> Falsified:
+def falsified(clean: Table, attacked: Table, window: Interval, about_time: bool) -> AttackedTable:
     """Hold a topic's attacked rows to the laws and round their values to the resolution of the
     clean columns.
 
@@ -100,7 +100,7 @@ def falsified(clean: Table, attacked: Table, window: Interval, about_time: bool)
         else base
     )
     touched = np.concatenate([genuine.time_ns[changed], clean.time_ns[deleted]])
-    return Falsified(table, (int(touched.min()), int(touched.max())) if touched.size else None)
+    return AttackedTable(table, (int(touched.min()), int(touched.max())) if touched.size else None)
 
 
 def _outside_is_the_same(clean: Table, attacked: Table, window: Interval) -> None:
@@ -192,7 +192,7 @@ def _inserted(base: Table, name: str, column: Column, first: int) -> Column:
     return Column(values, None if values.dtype.kind == "f" else valid)
 
 
-def belongs_together(attacked: Table, window: Interval, genuine: Sequence[Table]) -> None:
+def check_consistency(attacked: Table, window: Interval, genuine: Sequence[Table]) -> None:
     """Refuse PVT rows whose speed, course or heights fit one another worse than those of any
     genuine row.
 

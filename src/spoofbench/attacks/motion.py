@@ -24,8 +24,10 @@ _EXCEPTIONS = 0.1
 class Motion:
     """Geodetic coordinates and rates of PVT rows, NaN where absent.
 
-    Attributes: position: ``(n, 3)`` latitude and longitude (rad, longitude without jumps at the
-        antimeridian), height (m). rate: ``(n, 3)`` their derivatives (rad/s, rad/s, m/s).
+    Attributes:
+        position: ``(n, 3)`` latitude and longitude (rad, longitude without jumps at the
+            antimeridian), height (m).
+        rate: ``(n, 3)`` their derivatives (rad/s, rad/s, m/s).
     """
 
     position: Floats

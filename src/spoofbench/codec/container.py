@@ -52,11 +52,14 @@ _REPEATS = 8
 class Limits:
     """What a file may ask for; asking for more is a :class:`~spoofbench.errors.LimitError`.
 
-    Attributes: chunk_bytes: decompressed size of one chunk. total_bytes: decompressed size of all
-        chunks. messages: in the whole file. records: at the top level of the file and in chunks
-        that no index describes, messages aside. channels: in the whole file; each is a topic that
-        is read by itself. text_bytes: all records but messages, chunks and indexes: schemas,
-        channels, metadata, statistics.
+    Attributes:
+        chunk_bytes: decompressed size of one chunk.
+        total_bytes: decompressed size of all chunks.
+        messages: in the whole file.
+        records: at the top level of the file and in chunks that no index describes, messages aside.
+        channels: in the whole file; each is a topic that is read by itself.
+        text_bytes: all records but messages, chunks and indexes: schemas, channels, metadata,
+            statistics.
     """
 
     chunk_bytes: int = 128 << 20
@@ -246,8 +249,11 @@ def chunk_contents(
 ) -> Contents:
     """Return what is in a chunk.
 
-    Args: buffer: the file. chunk: of the file. indexes: where the entries of its message index
-        records are, a hint that spares walking the records.
+    Args:
+        buffer: the file.
+        chunk: of the file.
+        indexes: where the entries of its message index records are, a hint that spares walking the
+            records.
 
     Raises:
         FormatError: the chunk is damaged.

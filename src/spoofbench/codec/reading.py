@@ -37,8 +37,10 @@ def read(path: Path, limits: Limits = Limits()) -> Recording:  # noqa: B008
         path: of the file; while topics are unread it stays open.
         limits: on what the file may ask for.
 
-    Raises: FormatError: the file cannot be read, is no MCAP file, or is damaged; also when a topic
-        is first used. LimitError: it asks for more than the limits allow.
+    Raises:
+        FormatError: the file cannot be read, is no MCAP file, or is damaged; also when a topic is
+            first used.
+        LimitError: it asks for more than the limits allow.
     """
     found = survey(Path(path), limits)
     readings, unread = readings_of(found)

@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from spoofbench.codec import read
-from spoofbench.converting import Source, convert, recognise
+from spoofbench.conversion import Source, convert, detect_format
 from spoofbench.doctor import (
     clocks,
     contents,
@@ -111,7 +111,7 @@ def _is_recording(path: Path) -> bool:
     if any(split_topic(topic)[0] for topic in read(path)):
         return True
     try:
-        recognise(Source.of(path))
+        detect_format(Source.of(path))
     except ConversionError:
         return True
     return False

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spoofbench.converting import Ledger
+from spoofbench.conversion import Ledger
 from spoofbench.doctor.finding import Finding, facts
 from spoofbench.doctor.positions import jumps
 from spoofbench.recording import Recording

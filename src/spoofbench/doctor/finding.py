@@ -16,11 +16,15 @@ SEVERITIES: tuple[Severity, ...] = ("info", "warning", "error")
 class Finding:
     """One thing that is not as it should be, or that whoever uses the recording has to know.
 
-    Attributes: code: stable name of the check's outcome. severity: ``error``: what the rows say is
-        wrong; ``warning``: some rows are, or it has to be looked at; ``info``: to be known. topic:
-        where; empty for the whole recording. text: one sentence: what was measured. advice: what to
-        do. count: how many rows, intervals or units; None where that makes no sense. start_ns,
-        end_ns: the first time and the last one; None for all of the topic.
+    Attributes:
+        code: stable name of the check's outcome.
+        severity: ``error``: what the rows say is wrong; ``warning``: some rows are, or it has to be
+            looked at; ``info``: to be known.
+        topic: where; empty for the whole recording.
+        text: one sentence: what was measured.
+        advice: what to do.
+        count: how many rows, intervals or units; None where that makes no sense.
+        start_ns, end_ns: the first time and the last one; None for all of the topic.
     """
 
     code: str

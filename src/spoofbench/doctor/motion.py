@@ -19,10 +19,13 @@ Bools = NDArray[np.bool_]
 class Steps:
     """From each row with a position to the next one at a later time; arrays ``(n,)``.
 
-    Attributes: rows: place of the step's first row in the table; ``next_rows``: of its last.
-        start_ns: time of the first row. dt_s: duration. north_m, east_m: displacement on a sphere,
-        good to half a percent. speed_mps: mean of the speeds at both ends, by velocity or else as
-        the receiver says it; NaN where unknown.
+    Attributes:
+        rows: place of the step's first row in the table; ``next_rows``: of its last.
+        start_ns: time of the first row.
+        dt_s: duration.
+        north_m, east_m: displacement on a sphere, good to half a percent.
+        speed_mps: mean of the speeds at both ends, by velocity or else as the receiver says it; NaN
+            where unknown.
     """
 
     rows: NDArray[np.intp]

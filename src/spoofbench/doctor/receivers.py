@@ -8,7 +8,7 @@ import numpy as np
 
 from spoofbench.doctor.finding import Finding
 from spoofbench.doctor.motion import EARTH_RADIUS_M, Floats
-from spoofbench.gps_time import leap_seconds
+from spoofbench.gnss_time import leap_seconds
 from spoofbench.recording import Recording, Table
 
 LEAST_EPOCHS = 30

@@ -13,7 +13,7 @@ import numpy as np
 from spoofbench.doctor.finding import Finding
 from spoofbench.doctor.inertial import ACCEL, GYRO
 from spoofbench.doctor.motion import Floats, Steps, course, speed, steps, wrapped
-from spoofbench.gps_time import leap_seconds
+from spoofbench.gnss_time import leap_seconds
 from spoofbench.recording import Recording, Table
 
 SLOWEST_MPS = 2.5

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from spoofbench import plugins
 from spoofbench.codec import read
-from spoofbench.converting import Exporting
+from spoofbench.conversion import Exporting
 from spoofbench.errors import PluginError, RecordingError, SpoofbenchError
 from spoofbench.exporting.gpx import write_gpx
 from spoofbench.exporting.tables import arrow_table, write_csv, write_parquet
@@ -28,14 +28,16 @@ def export(
 ) -> list[str]:
     """Write topics of a recording for other programs; return their names.
 
-    Args: file: the recording. out: ends in ``.parquet`` or ``.csv``: one topic; in ``.gpx``: the
-        tracks of all receivers, or of those asked for;
-            in ``.zip``, or anything else, a folder: a file per topic.
+    Args:
+        file: the recording.
+        out: ends in ``.parquet`` or ``.csv``: one topic; in ``.gpx``: the tracks of all receivers,
+            or of those asked for; in ``.zip``, or anything else, a folder: a file per topic.
         topics: those to write; else all.
         table_format: of the files in a folder or an archive.
 
-    Raises: FormatError: the file is no recording; RecordingError: it has no such topic, or several
-        where one file is to be written.
+    Raises:
+        FormatError: the file is no recording; RecordingError: it has no such topic, or several
+            where one file is to be written.
     """
     recording = read(file)
     chosen = _chosen(recording, topics)
@@ -65,9 +67,9 @@ def export(
 def export_by_mapping(file: Path, out: Path, mapping: str) -> None:
     """Write a recording as the table, or the folder of tables, that a mapping describes.
 
-    Raises: FormatError: the file is no recording; PluginError: no converter knows mappings;
-        ConversionError: there is no such mapping,
-            or the recording has not what it names.
+    Raises:
+        FormatError: the file is no recording; PluginError: no converter knows mappings;
+            ConversionError: there is no such mapping, or the recording has not what it names.
     """
     recording = read(file)
     for plugin in plugins.found(plugins.CONVERTERS).values():

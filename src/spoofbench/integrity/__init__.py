@@ -1,8 +1,8 @@
 """How well an innovation monitor protects: covariance analysis, worst-case fault, integrity risk
 (Tanil et al. 2018).
 
-A :class:`~spoofbench.integrity.scenario.Scenario` says the geometry, rates, error models and thresholds; the rest is
-linear algebra, without one random number but where samples are asked for::
+A :class:`~spoofbench.integrity.scenario.Scenario` says the geometry, rates, error models and
+thresholds; the rest is linear algebra, without one random number but where samples are asked for::
 
     scenario = load_scenario(Path("mine.toml"))
     run = monitored(scenario)

@@ -51,8 +51,10 @@ def worst_fault(run: Run, first: int = 1) -> Fault:
     """Return the worst-case fault over a run's epochs, scaled to lambda = 1: its vertical error is
     the failure-mode slope.
 
-    Args: run: the filter's covariances over the monitor's epochs. first: the first epoch of the
-        attack, counted from 1; a late attack leaves those before alone.
+    Args:
+        run: the filter's covariances over the monitor's epochs.
+        first: the first epoch of the attack, counted from 1; a late attack leaves those before
+            alone.
     """
     model, epochs = run.model, len(run)
     along = np.zeros(len(model.transition))

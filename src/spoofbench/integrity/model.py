@@ -4,8 +4,10 @@ States, in this order, with ``d`` differenced satellites:
 
 ====================  =========  ==========================================
 ``r v E``             3 + 3 + 3  errors of position (m), velocity (m/s) and attitude (rad), NED
-``b_a b_g``           3 + 3      accelerometer (m/s^2) and gyro (rad/s) bias, first-order Gauss-Markov
-code multipath        d          m, differenced against the reference satellite, first-order Gauss-Markov
+``b_a b_g``           3 + 3      accelerometer (m/s^2) and gyro (rad/s) bias, first-order
+                      Gauss-Markov
+code multipath        d          m, differenced against the reference satellite, first-order
+                      Gauss-Markov
 carrier multipath     d          m, likewise
 ambiguities           d          m, constant
 ====================  =========  ==========================================

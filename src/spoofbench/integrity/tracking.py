@@ -40,13 +40,18 @@ _ERROR_REACH = 12.0
 class Tracking:
     """What the worst fault at unit lambda and unit tracking errors do, all white and whitened.
 
-    Attributes: monitor: thresholds and the failure-mode slope. gain: a, vertical error per unit of
-        tracking error of each epoch, ``(t,)``. shift: S^-1/2 E[gamma] of the worst fault at lambda
-        = 1, in the basis of ``spread``'s columns, ``(t,)``. along: M a / |a|^2 in that basis,
-        ``(t,)``: the innovations that an induced error c = 1 brings along. spread: eigenvalues of M
-        (I - a a^T / |a|^2) M^T, ``(t,)``. gram: M^T M, ``(t, t)``; ``cross``: M^T times the worst
-        fault's whitened innovations, ``(t,)``. outside: squared length of shift and of along
-        outside the basis, and their product, ``(3,)``.
+    Attributes:
+        monitor: thresholds and the failure-mode slope.
+        gain: a, vertical error per unit of tracking error of each epoch, ``(t,)``.
+        shift: S^-1/2 E[gamma] of the worst fault at lambda = 1, in the basis of ``spread``'s
+            columns, ``(t,)``.
+        along: M a / |a|^2 in that basis, ``(t,)``: the innovations that an induced error c = 1
+            brings along.
+        spread: eigenvalues of M (I - a a^T / |a|^2) M^T, ``(t,)``.
+        gram: M^T M, ``(t, t)``; ``cross``: M^T times the worst fault's whitened innovations,
+            ``(t,)``.
+        outside: squared length of shift and of along outside the basis, and their product,
+            ``(3,)``.
     """
 
     monitor: Monitor

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.recording import Interval
 from spoofbench.results import Truth
 

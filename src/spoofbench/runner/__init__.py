@@ -49,9 +49,10 @@ def run(
         retry_failed: with ``resume``, run tasks again that failed, timed out or ran out of memory.
         progress: gets the share of tasks that are done, from several threads, one at a time.
 
-    Raises: SuiteError, PluginError: the suite asks for a plugin or parameter that does not exist.
+    Raises:
+        SuiteError, PluginError: the suite asks for a plugin or parameter that does not exist.
         ResultsError: the folder has results of another run, or the server of the workers was
-        killed.
+            killed.
     """
     for group, entries in ((plugins.ATTACKS, suite.attacks), (plugins.DETECTORS, suite.detectors)):
         for entry in entries:

@@ -6,7 +6,7 @@ from dataclasses import fields
 from typing import Any
 
 from spoofbench import plugins
-from spoofbench.detecting import Detector
+from spoofbench.detector import Detector
 from spoofbench.errors import PluginError
 from spoofbench.runner.talk import Talk, one_line
 from spoofbench.suite import RATE_PARAMETER

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from spoofbench import plugins
-from spoofbench.detecting import Decisions, Detector, detect
+from spoofbench.detector import Decisions, Detector, detect
 from spoofbench.errors import PluginError
 from spoofbench.recording import Recording
 from spoofbench.runner import confine

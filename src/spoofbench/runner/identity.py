@@ -17,7 +17,7 @@ import spoofbench
 from spoofbench.plugins import Plugin
 from spoofbench.schema import SCHEMA_VERSION
 
-_WITHOUT_INFLUENCE = frozenset({"cli.py", "demo.py", "report", "suites", "summary.py", "testing"})
+_WITHOUT_INFLUENCE = frozenset({"cli.py", "demo.py", "report", "suites", "info.py", "testing"})
 """Parts of the core that neither make nor judge variants."""
 
 _CODE = frozenset({".py", ".so", ".pyd", ".dylib"})

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from spoofbench import codec, plugins
-from spoofbench.attacks.contract import Attack, draw_window, falsify, supply_of
+from spoofbench.attacks.contract import Attack, attackable_span, draw_window, make_variant
 from spoofbench.errors import NotApplicable, RecordingError
 from spoofbench.recording import Interval, Recording
 from spoofbench.results import write_truth
@@ -95,7 +95,7 @@ def _common_supply(
     for name, attack in attacks.items():
         talk.send(status="asking", attack=name)
         try:
-            supply = supply_of(attack, clean, donors)
+            supply = attackable_span(attack, clean, donors)
         except NotApplicable as error:
             unfit[name] = ("skipped", str(error))
             continue
@@ -161,7 +161,7 @@ class _Maker:
         if wanted["attack"] is None:
             return self.clean
         name = wanted["attack"]
-        return falsify(
+        return make_variant(
             wanted["plugin"],
             self.attacks[name],
             self.clean,

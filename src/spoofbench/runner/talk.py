@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 
 MAX_RECORD_BYTES = 64 << 20
 _DECISION_BYTES = 17

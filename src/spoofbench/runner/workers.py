@@ -17,7 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.errors import ResultsError
 from spoofbench.runner.server import NUMBER
 from spoofbench.runner.talk import Talk

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.errors import ResultsError
 from spoofbench.results import (
     FAILURES,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.errors import LimitError, RecordingError
 from spoofbench.recording import Interval, Recording, Table
 from spoofbench.results import Truth

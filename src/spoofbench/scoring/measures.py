@@ -29,10 +29,13 @@ AGAIN_NS = 60_000_000_000
 class FalseAlerts:
     """False alerts on clean epochs.
 
-    Attributes: episodes: see :func:`count_episodes`. hours: time of the available clean epochs.
+    Attributes:
+        episodes: see :func:`count_episodes`.
+        hours: time of the available clean epochs.
         per_hour, per_hour_lo, per_hour_hi: episodes per hour and its exact (Garwood) 95 % interval.
         floor_per_hour: 3 / hours, the 95 % upper bound that no episode at all would give ("rule of
-        three"). epoch: alerted share of the available clean epochs.
+            three").
+        epoch: alerted share of the available clean epochs.
     """
 
     episodes: int

@@ -24,24 +24,33 @@ _Cells = Mapping[str, Any]
 class Row:
     """One detector configuration over all tasks of a folder; null is None throughout.
 
-    Attributes: rank: 1 is best, equal where nothing tells two rows apart; None where no attacked
-        task could be scored. detector: name in the suite. plugin, plugin_distribution,
-        plugin_version, parameters: what it is; parameters as JSON text. baseline: a row of chance,
-        for comparison. keeps_target: whether the lower end of the false-alert interval is at most
-        the target; None where the rate is unknown. detection_pct: mean over attacked tasks,
-        failures as 0; ``lo`` and ``hi`` by bootstrap over sessions, None below 5.
+    Attributes:
+        rank: 1 is best, equal where nothing tells two rows apart; None where no attacked task could
+            be scored.
+        detector: name in the suite.
+        plugin, plugin_distribution, plugin_version, parameters: what it is; parameters as JSON
+            text.
+        baseline: a row of chance, for comparison.
+        keeps_target: whether the lower end of the false-alert interval is at most the target; None
+            where the rate is unknown.
+        detection_pct: mean over attacked tasks, failures as 0; ``lo`` and ``hi`` by bootstrap over
+            sessions, None below 5.
         restricted_mean_ttfd_s: mean time to first detection, restricted to the folder's longest
-        attack. ttfd_median_s, ttfd_p90_s: Kaplan-Meier over attack intervals; None where fewer than
-        that share are ever detected. p_md: missed share of attack intervals, ``detected`` of
-        ``events``; ``lo`` and ``hi`` by bootstrap over sessions, None below 5. far_per_hour:
-        episodes per available clean hour over unattacked tasks pooled by time, with Garwood
-        interval. far_floor_per_hour: the lowest rate that so many hours can resolve, 3/T.
+            attack.
+        ttfd_median_s, ttfd_p90_s: Kaplan-Meier over attack intervals; None where fewer than that
+            share are ever detected.
+        p_md: missed share of attack intervals, ``detected`` of ``events``; ``lo`` and ``hi`` by
+            bootstrap over sessions, None below 5.
+        far_per_hour: episodes per available clean hour over unattacked tasks pooled by time, with
+            Garwood interval.
+        far_floor_per_hour: the lowest rate that so many hours can resolve, 3/T.
         far_epoch, availability: over the same tasks, pooled by epochs.
         position_error_at_detection_m: median over detected attack intervals.
-        largest_undetected_position_error_m: over all spoofed epochs without alert. partial_auc:
-        mean over attacked tasks of the area under the ROC curve at low P_FA, as a share of the
-        largest possible. ok, failed, skipped, not_modelled: numbers of tasks; ``failed`` holds
-        timeouts and memory as well.
+        largest_undetected_position_error_m: over all spoofed epochs without alert.
+        partial_auc: mean over attacked tasks of the area under the ROC curve at low P_FA, as a
+            share of the largest possible.
+        ok, failed, skipped, not_modelled: numbers of tasks; ``failed`` holds timeouts and memory as
+            well.
     """
 
     rank: int | None

@@ -8,8 +8,9 @@ Three lines hold a detector to its contract::
     def test_conformance(check): check()
 
 :func:`check_attack` does the same for an attack, :func:`check_converter` for a converter and sample
-logs. Without pytest, :func:`run_detector_checks`, :func:`run_attack_checks` and
-:func:`run_converter_checks` return the results of the same checks.
+logs. Without
+pytest, :func:`run_detector_checks`, :func:`run_attack_checks` and :func:`run_converter_checks`
+return the results of the same checks.
 """
 
 from spoofbench.testing.attacks import check_attack, run_attack_checks

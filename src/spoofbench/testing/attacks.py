@@ -18,9 +18,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spoofbench import plugins
-from spoofbench.attacks.contract import Attack, draw_window, falsify, parameters_of, supply_of
+from spoofbench.attacks.contract import (
+    Attack,
+    attackable_span,
+    draw_window,
+    make_variant,
+    parameters_of,
+)
 from spoofbench.attacks.laws import differing
-from spoofbench.attacks.rounding import resolutions
+from spoofbench.attacks.resolution import resolutions
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording, Table
 from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
@@ -84,9 +90,9 @@ class Subject:
             for seed in _SEEDS:
                 try:
                     window = draw_window(
-                        0, name, seed, supply_of(self.attack, clean, donors), _WINDOW_S
+                        0, name, seed, attackable_span(self.attack, clean, donors), _WINDOW_S
                     )
-                    attacked = falsify(self.name, self.attack, clean, window, seed, donors)
+                    attacked = make_variant(self.name, self.attack, clean, window, seed, donors)
                 except NotApplicable:
                     continue
                 made.append(Variant(name, clean, donors, window, seed, attacked))
@@ -239,7 +245,7 @@ def is_deterministic(subject: Subject) -> None:
     fresh: Attack = pickle.loads(pickle.dumps(subject.attack))
     for variant in subject.variants:
         with global_seed(variant.seed + 1):
-            again = falsify(
+            again = make_variant(
                 subject.name, fresh, variant.clean, variant.window, variant.seed, variant.donors
             )
         require(
@@ -272,7 +278,7 @@ def says_when_it_cannot_be_made(subject: Subject) -> None:
         span = clean.span
         for window in (inner(span), Interval(span.start_ns, span.end_ns)):
             try:
-                falsify(subject.name, subject.attack, recording, window, 0, donors)
+                make_variant(subject.name, subject.attack, recording, window, 0, donors)
             except NotApplicable:
                 continue
             except Exception as error:

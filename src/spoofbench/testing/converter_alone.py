@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from spoofbench import plugins
-from spoofbench.converting import Converter, Source
+from spoofbench.conversion import Converter, Source
 from spoofbench.errors import SpoofbenchError
 from spoofbench.testing.converter_subject import outcome
 from spoofbench.testing.isolated import import_module
@@ -49,8 +49,9 @@ def convert_alone(
     """Convert logs one after the other in a process in another folder, time zone, locale and hash
     seed.
 
-    Args: keep: digest what comes of a log; else let it pass, so that the peak memory is the
-        converter's alone.
+    Args:
+        keep: digest what comes of a log; else let it pass, so that the peak memory is the
+            converter's alone.
 
     Raises:
         RuntimeError: the process failed; gives the last line that it wrote.

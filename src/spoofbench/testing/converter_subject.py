@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench import plugins
-from spoofbench.converting import (
+from spoofbench.conversion import (
     Block,
     Converter,
-    Extent,
-    Facts,
     Item,
     Member,
     Reject,
     Rejects,
+    SizeHint,
     Source,
+    SourceMetadata,
 )
 from spoofbench.errors import RecordingError, SpoofbenchError
 from spoofbench.recording import Column, Recording, Table
@@ -225,10 +225,10 @@ class _Gathered:
                 (*run, item.reason)
                 for run in zip(item.offsets.tolist(), item.lengths.tolist(), strict=True)
             ]
-        elif isinstance(item, Facts):
+        elif isinstance(item, SourceMetadata):
             for name, record in item.metadata.items():
                 self.facts.setdefault(name, {}).update(record)
-        elif not isinstance(item, Extent):
+        elif not isinstance(item, SizeHint):
             raise CheckFailed(
                 "convert() must yield blocks, rejects, facts or an extent, not "
                 f"{type(item).__name__}"

@@ -8,9 +8,9 @@ Three lines hold a converter to its contract::
     def test_conformance(check): check()
 
 Good samples are logs of a minute or more whose times are told early. What the laws on cuts and
-damage say leaves out the last seconds before them (:data:`spoofbench.testing.damage_laws.HELD_S`):
-so long may a converter hold rows to put them in order, to join what belongs together and to know
-what follows.
+damage say leaves out
+the last seconds before them (:data:`spoofbench.testing.damage_laws.HELD_S`): so long may a
+converter hold rows to put them in order, to join what belongs together and to know what follows.
 """
 
 import dataclasses
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spoofbench.converting import Converter
+from spoofbench.conversion import Converter
 from spoofbench.recording import Table
 from spoofbench.schema import split_topic
 from spoofbench.testing.checking import Check, CheckResult, parametrised, require
@@ -67,11 +67,13 @@ def check_converter(
 ) -> "pytest.MarkDecorator":
     """Parametrise a test's argument ``check`` with all checks of a converter.
 
-    Args: converter: name of an entry point of ``spoofbench.converters``, or a module or object that
-        is a converter. samples: logs of its format: files, folders or archives. streamed: the
-        format is read from front to back, so that damage costs only what it touches. False for
-        databases, archives
-            and whatever is found through an index: damaged logs must then give rows, or one error.
+    Args:
+        converter: name of an entry point of ``spoofbench.converters``, or a module or object that
+            is a converter.
+        samples: logs of its format: files, folders or archives.
+        streamed: the format is read from front to back, so that damage costs only what it touches.
+            False for databases, archives and whatever is found through an index: damaged logs must
+            then give rows, or one error.
         options: of its ``Options``.
     """
     return parametrised(
@@ -206,7 +208,7 @@ def says_what_can_be(subject: Subject) -> None:
             source = f"source/{split_topic(topic)[0] or 'reference'}"
             require(
                 bool(whole.facts.get(source)),
-                f"no facts say what {topic} of {path.name!r} is: yield Facts with {source!r}",
+                f"no facts say what {topic} of {path.name!r} is: yield SourceMetadata with {source!r}",
             )
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spoofbench.detecting import Detector
+from spoofbench.detector import Detector
 from spoofbench.recording import Recording, Table
 from spoofbench.schema import SENSOR_KINDS, split_topic
 from spoofbench.testing.checking import (

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from spoofbench.detecting import Decisions, Detector
+from spoofbench.detector import Decisions, Detector
 from spoofbench.recording import Recording
 from spoofbench.testing.subject import decide_if_possible
 
@@ -47,9 +47,9 @@ class Answer:
 def decide_alone(detector: Detector, recordings: Sequence[Recording], hash_seed: int = 1) -> Answer:
     """Run a detector on the blind part of recordings in a process that has nothing else.
 
-    Raises: RuntimeError: the process failed; gives the last line that it wrote. Or the detector is
-        of a script, which
-            another process cannot import.
+    Raises:
+        RuntimeError: the process failed; gives the last line that it wrote. Or the detector is of a
+            script, which another process cannot import.
     """
     module = sys.modules[type(detector).__module__]
     if module.__name__ == "__main__":

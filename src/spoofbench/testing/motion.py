@@ -21,10 +21,14 @@ _LATERAL_LIMIT_MPS2 = 4.0
 class Motion:
     """True motion every 10 ms; body frame forward-right-down, roll zero.
 
-    Attributes: time_s: ``(n,)`` from 0. velocity_mps: ``(n, 3)`` NED. position: ``(n, 3)`` latitude
-        and longitude in degrees, ellipsoidal height in metres. attitude_rad: ``(n, 3)`` roll,
-        pitch, yaw. specific_force_mps2: ``(n, 3)`` in the body frame, mean over the 10 ms that end
-        at ``time_s``. angular_rate_radps: ``(n, 3)`` of the body, mean over the same 10 ms.
+    Attributes:
+        time_s: ``(n,)`` from 0.
+        velocity_mps: ``(n, 3)`` NED.
+        position: ``(n, 3)`` latitude and longitude in degrees, ellipsoidal height in metres.
+        attitude_rad: ``(n, 3)`` roll, pitch, yaw.
+        specific_force_mps2: ``(n, 3)`` in the body frame, mean over the 10 ms that end at
+            ``time_s``.
+        angular_rate_radps: ``(n, 3)`` of the body, mean over the same 10 ms.
     """
 
     time_s: Floats

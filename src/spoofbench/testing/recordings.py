@@ -35,10 +35,13 @@ def drive(
     has bias and noise; the receiver's velocity has white noise of 2 cm/s, its position wanders by a
     metre.
 
-    Args: seed: of the motion and all noise. duration_s: 60 s or more give turns and stops. gnss_hz:
-        epochs of the receiver per second. flaws: whether epochs jitter, rows are missing (8 s of
-        GNSS, 1.5 s of IMU) and one epoch has no fix. second_sources: whether a second receiver
-        ``gnss1`` and IMU ``imu1`` ride along.
+    Args:
+        seed: of the motion and all noise.
+        duration_s: 60 s or more give turns and stops.
+        gnss_hz: epochs of the receiver per second.
+        flaws: whether epochs jitter, rows are missing (8 s of GNSS, 1.5 s of IMU) and one epoch has
+            no fix.
+        second_sources: whether a second receiver ``gnss1`` and IMU ``imu1`` ride along.
     """
     rng = np.random.default_rng(seed)
     motion = make_motion(rng, duration_s)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from spoofbench import plugins
-from spoofbench.detecting import Decisions, Detector, detect
+from spoofbench.detector import Decisions, Detector, detect
 from spoofbench.errors import PluginError, SpoofbenchError
 from spoofbench.recording import Recording
 from spoofbench.testing.recordings import drive, spoofed_drive

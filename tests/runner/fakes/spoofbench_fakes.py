@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording
 
@@ -319,7 +319,7 @@ class KillsItself(Nudge):
 class Inapplicable(Nudge):
     """Cannot be made."""
 
-    def supply(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
+    def attackable_span(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
         raise NotApplicable("there is nothing to replay")
 
 
@@ -327,5 +327,5 @@ class Inapplicable(Nudge):
 class FatalSupply(Nudge):
     """Ends its process when it is asked what it can supply."""
 
-    def supply(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
+    def attackable_span(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
         os._exit(5)

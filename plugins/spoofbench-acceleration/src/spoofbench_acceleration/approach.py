@@ -61,8 +61,10 @@ APPROACHES = (
 class Choices:
     """What the paper leaves open.
 
-    Attributes: gust_s: correlation time of the motion; its 5 s average decorrelates within the 2.5
-        to 3.1 s of Table 1. mismatch_s: correlation time of the mismatch, slow against the average.
+    Attributes:
+        gust_s: correlation time of the motion; its 5 s average decorrelates within the 2.5 to 3.1 s
+            of Table 1.
+        mismatch_s: correlation time of the mismatch, slow against the average.
         smoothing_s: trailing mean of the spoofer who extrapolates and smooths.
     """
 

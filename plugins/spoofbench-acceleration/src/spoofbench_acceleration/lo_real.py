@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from spoofbench.attacks.contract import Attack, draw_window, falsify, supply_of
-from spoofbench.attacks.replaying import RepeatBack, Replay
+from spoofbench.attacks.contract import Attack, attackable_span, draw_window, make_variant
+from spoofbench.attacks.replay import RepeatBack, Replay
 from spoofbench.codec import read
-from spoofbench.converting import convert
+from spoofbench.conversion import convert
 from spoofbench.demo import drive_bag
-from spoofbench.detecting import detect
+from spoofbench.detector import detect
 from spoofbench.errors import NotApplicable, SpoofbenchError
 from spoofbench.recording import Interval, Recording
 from spoofbench.reproducing import Cell, shown
@@ -194,8 +194,10 @@ def _detected(log: Log, monitor: AccelerationMonitor, name: str, attack: Attack)
     alerted, attacked = 0, 0
     for seed in range(_WINDOWS):
         try:
-            window = draw_window(0, log.name, seed, supply_of(attack, log.recording), log.window_s)
-            variant = falsify(name, attack, log.recording, window, seed)
+            window = draw_window(
+                0, log.name, seed, attackable_span(attack, log.recording), log.window_s
+            )
+            variant = make_variant(name, attack, log.recording, window, seed)
         except NotApplicable:
             continue
         truth = variant["/truth/attack"]

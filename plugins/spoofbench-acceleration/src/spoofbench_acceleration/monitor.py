@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.recording import Recording, Table
 from spoofbench.schema import split_topic
 from spoofbench.schema.v1 import gnss_pb2
@@ -60,23 +60,31 @@ class AccelerationMonitor:
     The defaults are the paper's. It compares the vertical axis of an aircraft on approach; a ground
     vehicle needs ``axis="along_track"`` with ``pitch=True``.
 
-    Attributes: executive: ``simple``: both tests must flag; ``multi``: or the chi-square test
-        alone, more often. axis: ``vertical`` or ``along_track``. pitch: compensate pitch by the
-        direction of the velocity, Eq (2). roll: compensate roll as in a coordinated turn, Eq (3).
+    Attributes:
+        executive: ``simple``: both tests must flag; ``multi``: or the chi-square test alone, more
+            often.
+        axis: ``vertical`` or ``along_track``.
+        pitch: compensate pitch by the direction of the velocity, Eq (2).
+        roll: compensate roll as in a coordinated turn, Eq (3).
         acceleration_from: ``velocity`` (first difference) or ``position`` (second difference).
         averaging: what ``averaging_s`` is: a ``span`` or a ``time_constant``; the paper does not
-        say. averaging_s: of the exponential average; it restarts after a longer gap, over which no
-        acceleration is taken. samples: n of Eq (6). stride: every how many epochs a sample is
-        taken; the paper does not say. bias_mps2: b, the largest nominal bias, Eq (5). sigma_mps2:
-        standard deviation of the averaged difference, Eq (7). z_threshold: of the mean-difference
-        test, 1e-9 two-sided. chi2_threshold: of the chi-square test, 1e-9 at 7 degrees of freedom.
-        window_s: observation window of the executive monitor. flagged_share: more than this share
-        of the window's epochs must be flagged by both tests. flagged_share_alone: or more than this
-        share by the chi-square test alone (``multi``). lag_s: how late the receiver's epochs are
-        against the IMU; the IMU is averaged over (t[n-1] - lag, t[n] - lag]. gate: leave out epochs
-        whose fix type says that there is no fix. slowest_mps: below this speed over ground pitch is
-        held and roll is 0, below a quarter of it heading is held. The
-            along-track axis is unavailable before the first motion.
+            say.
+        averaging_s: of the exponential average; it restarts after a longer gap, over which no
+            acceleration is taken.
+        samples: n of Eq (6).
+        stride: every how many epochs a sample is taken; the paper does not say.
+        bias_mps2: b, the largest nominal bias, Eq (5).
+        sigma_mps2: standard deviation of the averaged difference, Eq (7).
+        z_threshold: of the mean-difference test, 1e-9 two-sided.
+        chi2_threshold: of the chi-square test, 1e-9 at 7 degrees of freedom.
+        window_s: observation window of the executive monitor.
+        flagged_share: more than this share of the window's epochs must be flagged by both tests.
+        flagged_share_alone: or more than this share by the chi-square test alone (``multi``).
+        lag_s: how late the receiver's epochs are against the IMU; the IMU is averaged over (t[n-1]
+            - lag, t[n] - lag].
+        gate: leave out epochs whose fix type says that there is no fix.
+        slowest_mps: below this speed over ground pitch is held and roll is 0, below a quarter of it
+            heading is held. The along-track axis is unavailable before the first motion.
         mounting_pitch_deg: how much further than the vehicle's nose the IMU's forward axis points
             up.
         gravity_mps2: g; a sensor's own reading at rest is better where it is known.

@@ -124,10 +124,14 @@ def executive_margin(
     et al. 2017, Figure 14). The margin is the (K + 1)-th largest ratio in the window, so that
     scaling it is scaling the tests' thresholds.
 
-    Args: time_s: ``(n,)``, increasing. z: mean-difference statistic over its threshold, NaN is no
-        flag. chi2: chi-square statistic over its threshold, NaN is no flag. window_s: length of the
-        observation window. flags: shares of the window that must be flagged, of both tests and of
-        the chi-square test alone. executive: which monitor.
+    Args:
+        time_s: ``(n,)``, increasing.
+        z: mean-difference statistic over its threshold, NaN is no flag.
+        chi2: chi-square statistic over its threshold, NaN is no flag.
+        window_s: length of the observation window.
+        flags: shares of the window that must be flagged, of both tests and of the chi-square test
+            alone.
+        executive: which monitor.
     """
     if time_s.size < 2:
         return np.zeros(time_s.size)

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.recording import Recording
 from spoofbench.schema.v1 import gnss_pb2
 

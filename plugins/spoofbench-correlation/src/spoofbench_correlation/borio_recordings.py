@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench import codec
-from spoofbench.converting import convert
+from spoofbench.conversion import convert
 from spoofbench.demo import drive_bag
-from spoofbench.detecting import detect
+from spoofbench.detector import detect
 from spoofbench.errors import NotApplicable, SpoofbenchError
 from spoofbench.recording import Recording, Table
 from spoofbench_correlation import gnss
@@ -38,9 +38,9 @@ class Log:
     """A log: its files below the folder of logs (none: the drive of the demo), the table
     converter's mapping, what it is.
 
-    Attributes: group: recordings that share it are of one route, driven at different times or by
-        different receivers; those of Fairbanks of
-            one car, and of one route in part.
+    Attributes:
+        group: recordings that share it are of one route, driven at different times or by different
+            receivers; those of Fairbanks of one car, and of one route in part.
         lag_s: how late the receiver's velocities are against the IMU, where that is known; None: it
             is fitted, or 0 for a short recording.
     """

@@ -6,7 +6,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.detecting import detect
+from spoofbench.detector import detect
 from spoofbench_correlation import gnss, imu
 from spoofbench_correlation.borio_recordings import Session
 from spoofbench_correlation.borio_statistics import Row, Series, cases, window_motion

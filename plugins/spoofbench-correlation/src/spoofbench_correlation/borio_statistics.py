@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.attacks.contract import Attack, falsify, supply_of
-from spoofbench.attacks.replaying import Meacon, Replay
-from spoofbench.detecting import detect
+from spoofbench.attacks.contract import Attack, attackable_span, make_variant
+from spoofbench.attacks.replay import Meacon, Replay
+from spoofbench.detector import detect
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording
 from spoofbench_correlation import gnss, windows
@@ -100,7 +100,7 @@ def _attacked(
 ) -> Recording | str:
     clean = session.recording
     try:
-        window = supply_of(attack, clean, donors)
+        window = attackable_span(attack, clean, donors)
         if donors:
             epochs = donors[0].primary("gnss/pvt").time_ns
             start_ns = int(clean.primary("gnss/pvt").time_ns[0])
@@ -112,7 +112,7 @@ def _attacked(
                 f"{window.duration_s:.0f} s can be attacked, less than two windows of "
                 f"{session.window_s:g} s"
             )
-        return falsify(name, attack, clean, window, 0, donors).between(
+        return make_variant(name, attack, clean, window, 0, donors).between(
             window.start_ns, window.end_ns
         )
     except NotApplicable as error:

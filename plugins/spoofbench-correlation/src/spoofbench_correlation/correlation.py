@@ -7,7 +7,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.recording import Recording, Table
 from spoofbench_correlation import gnss, gravity, imu, windows
 from spoofbench_correlation.series import Comparison, series
@@ -38,12 +38,13 @@ class Correlation:
     where valid pairs cover too little of the window, where either series is constant, or before
     gravity is known.
 
-    Attributes: statistic: ``M_acc``, ``M_ag`` (norms), ``H_acc``, ``H_ag`` (levelled) of Eq (9), or
-        ``M``, ``H`` of Eq (15). alpha: weight of the angular rate in Eq (15). adaptive: weigh by
-        dynamics. The paper gives no formula; here ``alpha : 1 - alpha`` is multiplied by the ratio
-        of the
-            rate's standard deviation, times 10 m/s, to the acceleration's, each the lesser of what
-            GNSS and IMU saw in the window.
+    Attributes:
+        statistic: ``M_acc``, ``M_ag`` (norms), ``H_acc``, ``H_ag`` (levelled) of Eq (9), or ``M``,
+            ``H`` of Eq (15).
+        alpha: weight of the angular rate in Eq (15).
+        adaptive: weigh by dynamics. The paper gives no formula; here ``alpha : 1 - alpha`` is
+            multiplied by the ratio of the rate's standard deviation, times 10 m/s, to the
+            acceleration's, each the lesser of what GNSS and IMU saw in the window.
         window_s: length of the window.
         threshold: least correlation that raises no alert; 0.7 is the paper's for its best IMU,
             others need their own.

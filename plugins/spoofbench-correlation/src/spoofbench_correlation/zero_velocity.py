@@ -6,7 +6,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.detecting import Decisions
+from spoofbench.detector import Decisions
 from spoofbench.recording import Recording
 from spoofbench_correlation import gnss, imu, windows
 
@@ -23,9 +23,9 @@ class ZeroVelocity:
     seconds per minute over the window, ``score`` its ratio to ``threshold_per_min``. The paper
     gives no numbers; the thresholds here are ours.
 
-    Attributes: contradiction: ``gnss_still`` or ``imu_still`` counts one kind alone: a running
-        engine may shake a parked
-            car, and a smooth road may not shake a driving one.
+    Attributes:
+        contradiction: ``gnss_still`` or ``imu_still`` counts one kind alone: a running engine may
+            shake a parked car, and a smooth road may not shake a driving one.
         speed_mps: GNSS speed over ground below which the receiver stands still.
         force_std_mps2: standard deviation of the smoothed specific force below which the IMU may
             stand still.

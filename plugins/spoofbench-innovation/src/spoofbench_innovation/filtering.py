@@ -46,10 +46,12 @@ class Settings:
 class Innovations:
     """What the measurements of each epoch were not foreseen by, ``m`` epochs.
 
-    Attributes: value: gamma of position, m, and velocity, m/s, in the wander frame, ``(m, 6)``; NaN
-        where not measured. covariance: S, ``(m, 6, 6)``; rows and columns of what is not measured
-        are those of the identity. run: number of the filter's run, -1 where there is none,
-        ``(m,)``.
+    Attributes:
+        value: gamma of position, m, and velocity, m/s, in the wander frame, ``(m, 6)``; NaN where
+            not measured.
+        covariance: S, ``(m, 6, 6)``; rows and columns of what is not measured are those of the
+            identity.
+        run: number of the filter's run, -1 where there is none, ``(m,)``.
     """
 
     value: Floats
@@ -186,10 +188,13 @@ def run_filter(
     At the start of each block the estimated error of the azimuth moves into the azimuth, about
     which alone the trajectory is not levelled; no covariance depends on it.
 
-    Args: shared: what the variants share. values: measurements after each step, NED, ``(n, 6, v)``;
-        NaN where there is none, for all variants alike. state: at the start, wander frame, ``(15,
-        v)``. azimuth_rad: of the wander frame at the start. constants: gravity, m/s^2, and the
-        Earth's rate: north + i east and down, rad/s.
+    Args:
+        shared: what the variants share.
+        values: measurements after each step, NED, ``(n, 6, v)``; NaN where there is none, for all
+            variants alike.
+        state: at the start, wander frame, ``(15, v)``.
+        azimuth_rad: of the wander frame at the start.
+        constants: gravity, m/s^2, and the Earth's rate: north + i east and down, rad/s.
     """
     size, _, variants = values.shape
     blocks = len(shared.matrices)

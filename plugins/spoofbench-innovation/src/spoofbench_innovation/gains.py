@@ -22,8 +22,10 @@ BLOCK = 16
 class Gains:
     """What the covariance recursion gives over ``n`` steps.
 
-    Attributes: gain: L_k, ``(n, 15, 6)``; zero columns where nothing is measured. innovation: S_k,
-        ``(n, 6, 6)``; rows and columns of what is not measured are those of the identity.
+    Attributes:
+        gain: L_k, ``(n, 15, 6)``; zero columns where nothing is measured.
+        innovation: S_k, ``(n, 6, 6)``; rows and columns of what is not measured are those of the
+            identity.
     """
 
     gain: Floats
@@ -34,9 +36,12 @@ def recursion(initial: Floats, transition: Floats, process: Floats, noise: Float
     """Run the Kalman filter's covariances over steps, with the updates in Joseph's form, multiplied
     out for H = [I 0].
 
-    Args: initial: P_0 before the first step, ``(15, 15)``. transition: ``(n, 15, 15)``. process:
-        ``(n, 15, 15)``. noise: variances of what is measured of ``r v`` at the end of a step, ``(n,
-        6)``; NaN where it is not.
+    Args:
+        initial: P_0 before the first step, ``(15, 15)``.
+        transition: ``(n, 15, 15)``.
+        process: ``(n, 15, 15)``.
+        noise: variances of what is measured of ``r v`` at the end of a step, ``(n, 6)``; NaN where
+            it is not.
     """
     from scipy.linalg.lapack import dposv
 

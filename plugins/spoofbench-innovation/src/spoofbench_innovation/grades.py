@@ -16,9 +16,12 @@ _HOUR_S = 3600.0
 class Grade:
     """White noise, and first-order Gauss-Markov biases, each the same on all three axes.
 
-    Attributes: velocity_random_walk: m/s/sqrt(s). angle_random_walk: rad/sqrt(s). accel_bias_mps2,
-        gyro_bias_radps: steady-state standard deviations, those after switching on. bias_s: time
-        constant of both biases.
+    Attributes:
+        velocity_random_walk: m/s/sqrt(s).
+        angle_random_walk: rad/sqrt(s).
+        accel_bias_mps2, gyro_bias_radps: steady-state standard deviations, those after switching
+            on.
+        bias_s: time constant of both biases.
     """
 
     velocity_random_walk: float

@@ -22,9 +22,10 @@ _NO_FIX = (gnss_pb2.FIX_TYPE_NONE, gnss_pb2.FIX_TYPE_DEAD_RECKONING, gnss_pb2.FI
 class Measurements:
     """Epochs of distinct times.
 
-    Attributes: time_ns: ``(m,)``. values: position about the first one known, m, and velocity, m/s,
-        NED, ``(m, 6)``; NaN where there is none. The two
-            horizontal components of either are there together or not at all.
+    Attributes:
+        time_ns: ``(m,)``.
+        values: position about the first one known, m, and velocity, m/s, NED, ``(m, 6)``; NaN where
+            there is none. The two horizontal components of either are there together or not at all.
         variances: of the values, ``(m, 6)``; equal in north and east.
         lat_rad, height_m: of the epochs, ``(m,)``; NaN where unknown.
     """
@@ -46,10 +47,12 @@ def measurements(
     without a fix, and those whose position or velocity is the receiver's own dead reckoning,
     measure nothing; nor do values beyond 1e9.
 
-    Args: pvt: rows of kind ``gnss/pvt``; of several at one time the last counts. floor: standard
-        deviations per axis of position, horizontal and vertical, m, and of velocity, likewise, m/s.
+    Args:
+        pvt: rows of kind ``gnss/pvt``; of several at one time the last counts.
+        floor: standard deviations per axis of position, horizontal and vertical, m, and of
+            velocity, likewise, m/s.
         reported: whether the receiver's own accuracy, where it has one and it is worse, takes the
-        floor's place.
+            floor's place.
     """
     pvt = pvt.last_per_time()
     refused = np.isin(pvt["fix_type"], _NO_FIX) & pvt.valid("fix_type")

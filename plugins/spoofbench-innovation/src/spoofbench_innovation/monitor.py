@@ -11,7 +11,7 @@ from typing import ClassVar, Self, get_args
 
 import numpy as np
 
-from spoofbench.detecting import Decisions, Labelled
+from spoofbench.detector import Decisions, Labelled
 from spoofbench.errors import RecordingError
 from spoofbench.recording import Recording
 from spoofbench_innovation.filtering import Innovations, Settings, innovations
@@ -36,19 +36,30 @@ class InnovationMonitor:
     the window, which shares most epochs with its neighbours (``windowed``), of the sum at one epoch
     (``cumulative``). It is no rate over time.
 
-    Attributes: statistic: ``windowed``; ``cumulative``, since the alignment, the paper's with a
-        start that no attacker chose; ``per-epoch``. window_s: length of the window. p_fa: of one
-        test, see above. grade: of the IMU: ``consumer``, ``automotive``, ``tactical`` or
-        ``navigation``. velocity_random_walk: m/s/sqrt(s); as all that follow to ``bias_s``, None:
-        that of the grade. angle_random_walk: rad/sqrt(s). accel_bias_mps2: steady-state standard
-        deviation. gyro_bias_radps: likewise. bias_s: time constant of the biases. position_m:
-        standard deviation of a horizontal component of position; vertical is ``vertical_m``.
-        vertical_m: likewise. velocity_mps: standard deviation of a horizontal component of
-        velocity; vertical is ``climb_mps``. climb_mps: likewise. reported: let the receiver's own
-        accuracy, where it is worse, take the place of the four before. A spoofer controls it.
+    Attributes:
+        statistic: ``windowed``; ``cumulative``, since the alignment, the paper's with a start that
+            no attacker chose; ``per-epoch``.
+        window_s: length of the window.
+        p_fa: of one test, see above.
+        grade: of the IMU: ``consumer``, ``automotive``, ``tactical`` or ``navigation``.
+        velocity_random_walk: m/s/sqrt(s); as all that follow to ``bias_s``, None: that of the
+            grade.
+        angle_random_walk: rad/sqrt(s).
+        accel_bias_mps2: steady-state standard deviation.
+        gyro_bias_radps: likewise.
+        bias_s: time constant of the biases.
+        position_m: standard deviation of a horizontal component of position; vertical is
+            ``vertical_m``.
+        vertical_m: likewise.
+        velocity_mps: standard deviation of a horizontal component of velocity; vertical is
+            ``climb_mps``.
+        climb_mps: likewise.
+        reported: let the receiver's own accuracy, where it is worse, take the place of the four
+            before. A spoofer controls it.
         inflation: by which the covariance of the innovations is larger than modelled; :meth:`fit`
-        measures it. lag_s: how late the receiver's epochs are against the IMU. restart_s: a longer
-        time without epochs ends the filter's run; it starts anew when aligned.
+            measures it.
+        lag_s: how late the receiver's epochs are against the IMU.
+        restart_s: a longer time without epochs ends the filter's run; it starts anew when aligned.
     """
 
     statistic: Statistic = "windowed"

@@ -4,10 +4,12 @@ against chi-square::
     python -m spoofbench_innovation.nis drive.mcap [--lag-s 0.34] [--json] [--picture nis]
 
 On a genuine recording the NIS of an epoch should be chi-square of as many degrees of freedom as it
-has measurements, and those of different epochs independent. The first part of the recording
-calibrates: its mean gives an inflation factor, which is then frozen. The rest is judged as it is
-(raw) and with that factor. GNSS errors last, since the receiver filters: single epochs can fit
-while sums over many do not. What that makes of the cumulative test is the last block.
+has measurements, and those of
+different epochs independent. The first part of the recording calibrates: its mean gives an
+inflation factor, which is then frozen. The
+rest is judged as it is (raw) and with that factor. GNSS errors last, since the receiver filters:
+single epochs can fit while sums
+over many do not. What that makes of the cumulative test is the last block.
 """
 
 import argparse
@@ -52,8 +54,9 @@ def measure(
         monitor: its filter; ``inflation`` is not used.
         calibration_s: length of the part, from the alignment on, that calibrates.
 
-    Raises: RecordingError: the filter is aligned nowhere, or too late for two parts of at least 100
-        epochs.
+    Raises:
+        RecordingError: the filter is aligned nowhere, or too late for two parts of at least 100
+            epochs.
     """
     found, filtered = monitor.filtered(recording)
     complete = np.flatnonzero((filtered.run >= 0) & (filtered.measured == 6))

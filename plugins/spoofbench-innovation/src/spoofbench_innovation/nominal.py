@@ -24,13 +24,17 @@ BIAS_S = 60.0  # time constant of the gyros' offset that is taken out
 class Nominal:
     """The inertial share of a filter over ``n`` steps; step k leads from one time to the next.
 
-    Attributes: epoch: of each GNSS epoch, the step that ends there; -1 for the first epoch,
-        ``(m,)``. run: number of the run that a step belongs to, -1 where the IMU is unknown; runs
-        are not connected, ``(n,)``. duration_s: ``(n,)``. silent_s: how much of it the IMU said
-        nothing, ``(n,)``. attitude: mean over the step of the rotation from body to wander frame,
-        ``(n, 3, 3)``. velocity_mps: gained by specific force, wander frame, ``(n, 3)``. position_m:
-        likewise, ``(n, 3)``. correction_rad: rotation by which the attitude was corrected at the
-        end of the step, wander frame, ``(n, 3)``.
+    Attributes:
+        epoch: of each GNSS epoch, the step that ends there; -1 for the first epoch, ``(m,)``.
+        run: number of the run that a step belongs to, -1 where the IMU is unknown; runs are not
+            connected, ``(n,)``.
+        duration_s: ``(n,)``.
+        silent_s: how much of it the IMU said nothing, ``(n,)``.
+        attitude: mean over the step of the rotation from body to wander frame, ``(n, 3, 3)``.
+        velocity_mps: gained by specific force, wander frame, ``(n, 3)``.
+        position_m: likewise, ``(n, 3)``.
+        correction_rad: rotation by which the attitude was corrected at the end of the step, wander
+            frame, ``(n, 3)``.
     """
 
     epoch: NDArray[np.intp]

@@ -25,11 +25,15 @@ _ABSURD = 1e4  # m/s^2 or rad/s, which no vehicle does
 class Increments:
     """What the IMU measured over ``n`` intervals, in the body frame at the start of each.
 
-    Attributes: duration_s: ``(n,)``. silent_s: how much of it lies in gaps of the rows that are
-        bridged, ``(n,)``. known: whether rows cover the interval, ``(n,)``; the others hold zeros.
+    Attributes:
+        duration_s: ``(n,)``.
+        silent_s: how much of it lies in gaps of the rows that are bridged, ``(n,)``.
+        known: whether rows cover the interval, ``(n,)``; the others hold zeros.
         rotation: matrix that takes vectors from the body at the end to the body at the start, ``(n,
-        3, 3)``. mean_rotation: its mean over the interval, ``(n, 3, 3)``. velocity_mps: integral of
-        the specific force, ``(n, 3)``. position_m: integral of that, ``(n, 3)``.
+            3, 3)``.
+        mean_rotation: its mean over the interval, ``(n, 3, 3)``.
+        velocity_mps: integral of the specific force, ``(n, 3)``.
+        position_m: integral of that, ``(n, 3)``.
     """
 
     duration_s: Floats

@@ -1,0 +1,171 @@
+"""Dates for claimed times that have none."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS, WEEK_NS
+from spoofbench_converters.serial.frames import Places
+
+_ALL_NS = 2**62
+ROLLOVER_NS = 1024 * WEEK_NS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Claims:
+    """What epochs claim, in file order, int64 ``(n,)``: number of the protocol, and as in
+    ``Epochs``.
+    """
+
+    protocol: Places
+    claimed_ns: Places
+    period_ns: Places
+
+    def take(self, rows: slice) -> "Claims":
+        return Claims(self.protocol[rows], self.claimed_ns[rows], self.period_ns[rows])
+
+
+@dataclass(frozen=True, slots=True)
+class _Last:
+    """A protocol's last time: complete, and as it was known, with its period."""
+
+    time_ns: int
+    known_ns: int
+    period_ns: int
+
+
+@dataclass(slots=True)
+class Calendar:
+    """Completes times of day and of week.
+
+    A time is completed to the value nearest to the last one of its protocol; the first one to the
+    value nearest to the last complete one of any protocol, else to that on the reference date. So
+    dates are carried forward, across midnight and the end of the week, and follow a clock that
+    jumps.
+
+    Attributes:
+        date_ns: start of the reference date, None without one.
+        backward: dates are carried backward too, from the first complete time.
+        rollovers: periods of 1024 weeks that complete times lack.
+        dateless: how many times could not be completed.
+        used_date: whether the reference date was used.
+    """
+
+    date_ns: int | None
+    backward: bool
+    rollovers: int
+    dateless: int = 0
+    used_date: bool = False
+    _last: dict[int, _Last] = field(default_factory=dict)
+    _complete: int | None = None
+
+    def complete(self, claims: Claims) -> Places:
+        """Return the complete times of the next epochs, ``ABSENT_NS`` where there is none."""
+        whole = np.where(
+            (claims.period_ns == 0) & (claims.claimed_ns != ABSENT_NS),
+            claims.claimed_ns + self.rollovers * ROLLOVER_NS,
+            ABSENT_NS,
+        )
+        carried = _carried(whole, ABSENT_NS if self._complete is None else self._complete)
+        times = whole.copy()
+        for protocol in np.unique(claims.protocol).tolist():
+            mine = np.flatnonzero((claims.protocol == protocol) & (claims.claimed_ns != ABSENT_NS))
+            if mine.size:
+                times[mine] = self._of_protocol(
+                    protocol,
+                    claims.claimed_ns[mine],
+                    claims.period_ns[mine],
+                    (whole[mine], carried[mine]),
+                )
+        if carried.size and carried[-1] != ABSENT_NS:
+            self._complete = int(carried[-1])
+        return times
+
+    def has_anchor(self, claims: Claims) -> bool:
+        """Whether any of these epochs, or one before them, has a date."""
+        return (
+            bool(self._last)
+            or self.date_ns is not None
+            or bool(np.any((claims.period_ns == 0) & (claims.claimed_ns != ABSENT_NS)))
+        )
+
+    def _of_protocol(
+        self, protocol: int, claimed: Places, period: Places, dated: tuple[Places, Places]
+    ) -> Places:
+        """Complete one protocol's times, of which none is absent."""
+        whole, carried = dated
+        last = self._last.get(protocol)
+        known = np.where(period == 0, whole, claimed)
+        before = np.append(known[0] if last is None else last.known_ns, known[:-1])
+        steps = _nearest(
+            known - before,
+            _common_period(period, np.append(0 if last is None else last.period_ns, period[:-1])),
+        )
+        course = np.cumsum(steps)
+        anchors = np.where(period == 0, whole - course, ABSENT_NS)
+        if last is not None and period[0] != 0:
+            anchors[0] = last.time_ns
+        elif last is None:
+            self._anchor(claimed, period, carried, (anchors, course))
+        anchors = _carried(anchors, ABSENT_NS)
+        if self.backward and (anchors != ABSENT_NS).any():
+            anchors = np.where(
+                anchors == ABSENT_NS, anchors[np.argmax(anchors != ABSENT_NS)], anchors
+            )
+        times = np.where(anchors == ABSENT_NS, ABSENT_NS, anchors + course)
+        self.dateless += int(np.count_nonzero(times == ABSENT_NS))
+        if times[-1] != ABSENT_NS:
+            self._last[protocol] = _Last(int(times[-1]), int(known[-1]), int(period[-1]))
+        return np.asarray(times)
+
+    def _anchor(
+        self, claimed: Places, period: Places, carried: Places, found: tuple[Places, Places]
+    ) -> None:
+        """Date the first time that another protocol, or the reference date, dates, if none of its
+        own is before.
+        """
+        anchors, course = found
+        can = (period == 0) | (carried != ABSENT_NS) | (self.date_ns is not None)
+        first = int(np.argmax(can))
+        if not can[first] or period[first] == 0:
+            return
+        if carried[first] != ABSENT_NS:
+            near = (
+                carried[first]
+                + _nearest(claimed[first : first + 1] - carried[first], period[first : first + 1])[
+                    0
+                ]
+            )
+        else:
+            near = _on_date(int(claimed[first]), int(period[first]), self.date_ns or 0)
+            self.used_date = True
+        anchors[first] = near - course[first]
+
+
+def _carried(values: Places, start: int) -> Places:
+    """Return each value, or the last one before it that is there."""
+    places = np.maximum.accumulate(np.where(values != ABSENT_NS, np.arange(values.size), -1))
+    return np.where(places < 0, start, values[np.maximum(places, 0)])
+
+
+def _common_period(period: Places, before: Places) -> Places:
+    """Return the period in which two times can be compared: the shorter one, or one beyond all
+    times where both are complete.
+    """
+    shorter = np.minimum(
+        np.where(period == 0, _ALL_NS, period), np.where(before == 0, _ALL_NS, before)
+    )
+    return np.asarray(shorter, np.int64)
+
+
+def _nearest(steps: Places, period: Places) -> Places:
+    """Return steps reduced by whole periods to ``[-period / 2, period / 2)``."""
+    return np.asarray((steps + period // 2) % period - period // 2, np.int64)
+
+
+def _on_date(claimed_ns: int, period_ns: int, date_ns: int) -> int:
+    """Return the time on a date; one of week that is on none of its hours, that nearest to its
+    noon.
+    """
+    first = date_ns + DAY_NS // 2 - period_ns // 2
+    return first + (claimed_ns - first) % period_ns

@@ -1,0 +1,142 @@
+"""What the bytes are that no frame owns, and why."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spoofbench.conversion import Rejects
+from spoofbench_converters.serial.frames import Octets, Places, line_ends
+
+REASONS = (
+    "blank or line end",
+    "text that is no sentence",
+    "binary data that are no frame",
+    "comment line",
+    "UBX frame with a wrong checksum",
+    "UBX frame cut off at the end of the log",
+    "sentence with a wrong checksum",
+    "sentence without a checksum",
+    "sentence broken off",
+)
+BLANK, TEXT, BINARY, COMMENT, UBX_WRONG, UBX_CUT, WRONG, MISSING, BROKEN = range(len(REASONS))
+
+LONGEST = 65_536
+"""Longest reject, in bytes: what goes on is a reject by its own content."""
+
+_LF, _CR, _HASH = b"\n\r#"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Marks:
+    """Where damaged frames and sentences start, and the reason of each: int64 and int8 ``(k,)``."""
+
+    places: Places
+    reasons: NDArray[np.int8]
+
+
+def divide(
+    octets: Octets, gaps: tuple[Places, Places], marks: Marks, at_line_start: bool
+) -> tuple[Places, Places, NDArray[np.int8]]:
+    """Return starts, ends and reasons of the rejects that skipped bytes make.
+
+    A run of skipped bytes is divided where a damaged frame or sentence, or a comment, starts; a
+    damaged sentence and a comment end with their line. The rest of a run is blank, else text, else
+    binary.
+
+    Args:
+        octets: a stretch of the log.
+        gaps: starts and ends of what is skipped, in order, none empty.
+        marks: damage, within the gaps or not.
+        at_line_start: whether a line starts with the first byte.
+    """
+    starts, ends = gaps
+    comments = _comments(octets, starts, ends, at_line_start)
+    places = np.concatenate([marks.places, comments])
+    of_marks = np.concatenate([marks.reasons, np.full(comments.size, COMMENT, np.int8)])
+    skipped = _within(places, starts, ends)
+    places, of_marks = places[skipped], of_marks[skipped]
+    lines = places[(of_marks == COMMENT) | (of_marks >= WRONG)]
+    stops = _line_stops(octets, lines)
+    stops = stops[(stops - lines <= LONGEST) & _within(stops, starts, ends)]
+    bounds = np.sort(np.concatenate([starts, places, stops]), kind="stable")
+    bounds = bounds[np.diff(bounds, prepend=-1) > 0]
+    reasons = np.full(bounds.size, -1, np.int8)
+    reasons[np.searchsorted(bounds, places)] = of_marks
+    stops = np.minimum(
+        np.append(bounds[1:], octets.size), ends[np.searchsorted(starts, bounds, "right") - 1]
+    )
+    bounds, stops, reasons = _shortened(bounds, stops, reasons)
+    by_content = reasons < 0
+    reasons[by_content] = _content(octets, bounds[by_content], stops[by_content])
+    return bounds, stops, reasons
+
+
+def rejects(base: int, starts: Places, ends: Places, reasons: NDArray[np.int8]) -> list[Rejects]:
+    """Return rejects by reason; ``base`` is the offset of the stretch in the log."""
+    return [
+        Rejects(
+            starts[reasons == reason] + base, (ends - starts)[reasons == reason], REASONS[reason]
+        )
+        for reason in np.unique(reasons).tolist()
+    ]
+
+
+def _within(places: Places, starts: Places, ends: Places) -> NDArray[np.bool_]:
+    gap = np.searchsorted(starts, places, "right") - 1
+    return (
+        np.asarray((gap >= 0) & (places < ends[gap]))
+        if starts.size
+        else np.zeros(places.size, bool)
+    )
+
+
+def _comments(octets: Octets, starts: Places, ends: Places, at_line_start: bool) -> Places:
+    """Return where lines start with ``#``."""
+    places = np.flatnonzero(octets == _HASH) if starts.size else starts
+    places = places[_within(places, starts, ends)]
+    before = octets[places - 1]
+    return places[np.where(places == 0, at_line_start, (before == _LF) | (before == _CR))]
+
+
+def _line_stops(octets: Octets, places: Places) -> Places:
+    """Return where the line of each place ends, line end included."""
+    if not places.size:
+        return places
+    breaks = np.append(np.flatnonzero((octets == _LF) | (octets == _CR)), octets.size)
+    return line_ends(octets, breaks[np.searchsorted(breaks, places)])
+
+
+def _shortened(
+    starts: Places, stops: Places, reasons: NDArray[np.int8]
+) -> tuple[Places, Places, NDArray[np.int8]]:
+    """Divide what is longer than a reject may be."""
+    pieces = -(-(stops - starts) // LONGEST)
+    if (pieces <= 1).all():
+        return starts, stops, reasons
+    of = np.repeat(np.arange(starts.size), pieces)
+    number = np.arange(of.size) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    begins = starts[of] + number * LONGEST
+    return (
+        begins,
+        np.minimum(begins + LONGEST, stops[of]),
+        np.where(number == 0, reasons[of], np.int8(-1)),
+    )
+
+
+def _content(octets: Octets, starts: Places, stops: Places) -> NDArray[np.int8]:
+    """Return whether each stretch is blank, text or binary; they do not overlap and none is
+    empty.
+    """
+    if not starts.size:
+        return np.zeros(0, np.int8)
+    lengths = stops - starts
+    begins = np.cumsum(lengths) - lengths
+    here = octets[np.arange(int(lengths.sum())) + np.repeat(starts - begins, lengths)]
+    blank = (here == _LF) | (here == _CR) | (here == 0x20) | (here == 0x09)
+    kinds = np.where(
+        blank,
+        np.uint8(BLANK),
+        np.where(here - np.uint8(0x20) <= 0x7E - 0x20, np.uint8(TEXT), np.uint8(BINARY)),
+    )
+    return np.asarray(np.maximum.reduceat(kinds, begins), np.int8)

@@ -1,0 +1,223 @@
+"""The detector's contract: a recording in, decisions out, causally.
+
+A detector is a frozen dataclass whose fields are its parameters. It gets the kinds that it declares
+of a blind recording (see :meth:`spoofbench.recording.Recording.blind`) and returns one
+:class:`Decisions`.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol, Self, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spoofbench.errors import PluginError, RecordingError
+from spoofbench.recording import Interval, Recording, Table, frozen
+from spoofbench.schema import split_topic
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decisions:
+    """A detector's word over time, arrays of shape ``(n,)``.
+
+    Attributes:
+        time_ns: int64, strictly increasing; a decision at t rests on rows at or before t alone.
+        score: float64, the test statistic over its threshold: above 1 is an alert. Finite or +inf
+            where available.
+        available: bool, whether the detector could tell.
+
+    Raises:
+        PluginError: shapes differ, time does not increase, or an available score is NaN.
+    """
+
+    time_ns: NDArray[np.int64]
+    score: NDArray[np.float64]
+    available: NDArray[np.bool_]
+
+    def __init__(self, time_ns: ArrayLike, score: ArrayLike, available: ArrayLike) -> None:
+        times, scores, usable = (
+            np.asarray(time_ns, np.int64),
+            np.asarray(score, np.float64),
+            np.asarray(available, bool),
+        )
+        if times.ndim != 1 or not times.shape == scores.shape == usable.shape:
+            raise PluginError(
+                f"decisions must be three arrays of one shape (n,), not {times.shape}, "
+                f"{scores.shape}, {usable.shape}"
+            )
+        if np.any(times[1:] <= times[:-1]):
+            raise PluginError(
+                f"decision times must increase; row {int(np.argmax(times[1:] <= times[:-1])) + 1} "
+                "does not"
+            )
+        if np.any(np.isnan(scores) & usable):
+            raise PluginError(
+                f"the score of row {int(np.argmax(np.isnan(scores) & usable))} is NaN though it "
+                "is available"
+            )
+        object.__setattr__(self, "time_ns", frozen(times))
+        object.__setattr__(self, "score", frozen(np.where(usable, scores, np.nan)))
+        object.__setattr__(self, "available", frozen(usable))
+
+    @property
+    def alert(self) -> NDArray[np.bool_]:
+        """Available and score above 1."""
+        return self.available & (self.score > 1)
+
+
+@runtime_checkable
+class Detector(Protocol):
+    """A spoofing detector; it refuses parameters that make no sense by ``ValueError``.
+
+    Attributes:
+        requires: kinds without which it cannot run.
+        uses: kinds that it reads where they are there.
+        memory_s: how long, in seconds, an alert may outlast its cause.
+    """
+
+    @property
+    def requires(self) -> tuple[str, ...]: ...
+    @property
+    def uses(self) -> tuple[str, ...]: ...
+    @property
+    def memory_s(self) -> float: ...
+
+    def detect(self, recording: Recording) -> Decisions:
+        """Return decisions on a blind recording, each from rows at or before its time alone."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Labelled:
+    """An attacked recording of the calibration split, blind, with the intervals in which it is
+    attacked.
+    """
+
+    recording: Recording
+    attacked: tuple[Interval, ...]
+
+
+@runtime_checkable
+class Trainable(Detector, Protocol):
+    """A detector that learns from the calibration split."""
+
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:
+        """Return a detector that has learned; this one stays as it is."""
+        ...
+
+
+def detect(
+    detector: Detector, recording: Recording, withheld: frozenset[str] = frozenset()
+) -> Decisions:
+    """Run a detector on the kinds that it declares of the blind part of a recording.
+
+    Variants lack the kinds that their attack does not model: whoever saw that would know a variant
+    from a clean recording.
+
+    Args:
+        detector: what decides.
+        recording: blind or not.
+        withheld: kinds that it uses, but is to do without.
+
+    Raises:
+        RecordingError: the recording lacks a kind that the detector requires.
+        PluginError: the detector returned something else than decisions.
+    """
+    blind = recording.blind()
+    missing = [kind for kind in detector.requires if kind not in blind.kinds]
+    if missing:
+        raise RecordingError(f"the detector requires {missing[0]!r}, which the recording lacks")
+    decisions = detector.detect(
+        _declared(blind, {*detector.requires, *(set(detector.uses) - withheld)})
+    )
+    if not isinstance(decisions, Decisions):
+        raise PluginError(f"a detector must return Decisions, not {type(decisions).__name__}")
+    return decisions
+
+
+def _declared(blind: Recording, kinds: set[str]) -> Recording:
+    """The tables of these kinds, and what the metadata say of them and their sources."""
+    topics = [topic for topic in blind if split_topic(topic)[1] in kinds]
+    present = {split_topic(topic)[1] for topic in topics}
+    sources = {f"source/{split_topic(topic)[0]}" for topic in topics}
+    metadata = {
+        name: record
+        for name, record in blind.metadata.items()
+        if name in sources or not name.startswith("source/")
+    }
+    primary = {
+        kind: source
+        for kind, source in blind.metadata.get("primary", {}).items()
+        if kind in present
+    }
+    return Recording(
+        {topic: partial(blind.__getitem__, topic) for topic in topics},
+        {**metadata, "primary": primary},
+    )
+
+
+Step = tuple[str, Table]
+"""One event of a stepwise detector: the topic, and a table of the rows that bear one time."""
+
+
+def stepwise(
+    recording: Recording,
+    clock: str,
+    others: Sequence[str],
+    think: Callable[[Iterator[Step]], Iterator[float | None]],
+) -> Decisions:
+    """Let a generator decide at each row of the primary ``clock`` kind: causal by construction.
+
+    Args:
+        recording: blind recording.
+        clock: kind whose primary rows ask for a decision, such as ``gnss/pvt``.
+        others: further kinds whose primary rows the generator gets; rows of all kinds come in the
+            order of time, at equal times the clock's last.
+        think: takes the events and yields, for each clock row before it takes the next event, a
+            score or None (unavailable).
+
+    Raises:
+        RecordingError: the recording lacks the clock.
+        PluginError: the generator does not yield a score for each clock row, or only after it has
+            taken further events.
+    """
+    clock_topic = recording.topics(clock)[0] if recording.topics(clock) else None
+    if clock_topic is None:
+        raise RecordingError(f"the recording has no {clock!r}")
+    topics = [recording.topics(kind)[0] for kind in others if recording.topics(kind)] + [
+        clock_topic
+    ]
+    times = np.concatenate([recording[topic].time_ns for topic in topics])
+    owner = np.repeat(np.arange(len(topics)), [len(recording[topic]) for topic in topics])
+    row = np.concatenate([np.arange(len(recording[topic])) for topic in topics])
+    order = np.lexsort((row, owner, times))
+
+    taken = 0
+
+    def events() -> Iterator[Step]:
+        nonlocal taken
+        for index in order.tolist():
+            taken += 1
+            topic = topics[owner[index]]
+            yield topic, recording[topic].take(slice(int(row[index]), int(row[index]) + 1))
+
+    clock_times = recording[clock_topic].time_ns
+    due = (np.flatnonzero(owner[order] == len(topics) - 1) + 1).tolist()
+    scores: list[float | None] = []
+    for score_of_row in think(events()):
+        if len(scores) < len(due) and taken > due[len(scores)]:
+            raise PluginError(
+                f"a stepwise detector took further events before its score for row {len(scores)} "
+                f"of {clock!r}"
+            )
+        scores.append(score_of_row)
+    if len(scores) != clock_times.size:
+        raise PluginError(
+            f"a stepwise detector yielded {len(scores)} scores for {clock_times.size} rows of "
+            f"{clock!r}"
+        )
+    score = np.array([np.nan if value is None else value for value in scores], float)
+    last = np.searchsorted(clock_times, np.unique(clock_times), "right") - 1
+    return Decisions(clock_times[last], score[last], ~np.isnan(score[last]))

@@ -1,0 +1,188 @@
+"""Lines, cells and numbers, against the csv module, float and Decimal."""
+
+import csv
+import io
+from decimal import ROUND_HALF_UP, Decimal
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spoofbench_converters.phone import lines, parsing
+from spoofbench_converters.phone.lines import Cells, Lines
+
+from spoofbench.conversion import Reject
+
+logs = st.lists(
+    st.sampled_from(
+        [b"a,b\n", b"1,2\r\n", b"\n", b"\xef\xbb\xbf", b"x" * 70_000, b"\x00", b'"q,\n', b"end"]
+    ),
+    max_size=12,
+).map(b"".join)
+
+
+class Trickle(io.BytesIO):
+    """Gives a few bytes at a time."""
+
+    def read(self, size: int | None = -1) -> bytes:
+        return super().read(min(size or 0, 4099) if size and size > 0 else size)
+
+
+def read(log: bytes, stream: type[io.BytesIO] = io.BytesIO) -> list[tuple[int, int, bytes | str]]:
+    """Return offset, length and text, or reason, of all that is read."""
+    found: list[tuple[int, int, bytes | str]] = []
+    for item in lines.read_lines(stream(log)):
+        if isinstance(item, Reject):
+            found.append((item.offset, item.length, item.reason))
+        else:
+            places = zip(
+                item.offsets.tolist(),
+                item.lengths.tolist(),
+                item.starts.tolist(),
+                item.ends.tolist(),
+                strict=True,
+            )
+            found += [
+                (offset, length, item.octets[start:end].tobytes())
+                for offset, length, start, end in places
+            ]
+    return sorted(found, key=lambda line: line[0])
+
+
+@pytest.mark.parametrize("piece", [2**20, 100, 7])
+@settings(max_examples=60, deadline=None)
+@given(log=logs)
+def test_every_byte_is_in_one_line_or_reject_however_it_is_read(log: bytes, piece: int) -> None:
+    expected = read(log)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lines, "PIECE_BYTES", piece)
+        assert read(log, Trickle) == expected
+    position = 0
+    for offset, length, text in expected:
+        assert offset == position
+        position += length
+        if isinstance(text, bytes):
+            assert log[offset : offset + length].removeprefix(
+                lines.BOM if offset == 0 else b""
+            ).rstrip(b"\r\n") == text.rstrip(b"\r")
+    assert position == len(log)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    rows=st.lists(
+        st.lists(st.text("ab,1. -", max_size=5), min_size=2, max_size=4), min_size=1, max_size=5
+    )
+)
+def test_cells_are_those_of_the_csv_module(rows: list[list[str]]) -> None:
+    text = io.StringIO()
+    csv.writer(text, quoting=csv.QUOTE_ALL, lineterminator="\n").writerows(rows)
+    piece = next(
+        item
+        for item in lines.read_lines(io.BytesIO(text.getvalue().encode()))
+        if isinstance(item, Lines)
+    )
+    found = lines.split(piece)
+    assert found.widths.tolist() == [len(row) for row in rows]
+    cells = [
+        found.lines.octets[start:end].tobytes().decode()
+        for start, end in zip(found.starts, found.ends, strict=True)
+    ]
+    assert cells == [cell for row in rows for cell in row]
+
+
+def column(texts: list[str]) -> Cells:
+    octets = "\n".join(texts).encode()
+    ends = np.cumsum([len(text.encode()) + 1 for text in texts]) - 1
+    starts = ends - [len(text.encode()) for text in texts]
+    return Cells(np.frombuffer(octets, np.uint8), starts, ends)
+
+
+decimals = st.one_of(
+    st.integers(-(2**62), 2**62).map(str),
+    st.decimals(-(10**9), 10**9, places=9).map(str),
+    st.decimals(-(10**6), 10**6, places=14).map(lambda value: f"{value:f}"),
+    st.floats(-1e9, 1e9).map(repr),
+    st.floats(-1e9, 1e9).map(lambda value: f"{value:.9E}".replace("E+0", "E")),
+)
+
+
+NONSENSE = ["x1", "1.2.3", "--1", "1e", "9" * 60]
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    texts=st.lists(
+        st.one_of(decimals, st.sampled_from(["", "null", "NaN", *NONSENSE])), min_size=1, max_size=8
+    )
+)
+def test_floats_are_those_of_python(texts: list[str]) -> None:
+    values, bad = parsing.floats(column(texts))
+    for text, value, wrong in zip(texts, values.tolist(), bad.tolist(), strict=True):
+        if text in NONSENSE:
+            assert wrong
+        elif text in ("", "null", "NaN"):
+            assert not wrong
+            assert np.isnan(value)
+        else:
+            assert not wrong
+            assert value == float(text)
+
+
+@pytest.mark.parametrize("places", [0, 6, 9])
+@settings(max_examples=100, deadline=None)
+@given(texts=st.lists(decimals, min_size=1, max_size=8))
+def test_scaled_numbers_are_exact(texts: list[str], places: int) -> None:
+    values, present, bad = parsing.scaled(column(texts), places)
+    for text, value, known, wrong in zip(
+        texts, values.tolist(), present.tolist(), bad.tolist(), strict=True
+    ):
+        exact = Decimal(text).scaleb(places)
+        if abs(exact) < 2**62:
+            assert known
+            assert not wrong
+            assert abs(exact - value) <= Decimal("0.5") + (
+                abs(exact) * Decimal("1e-15") if "e" in text.lower() else 0
+            )
+            if "e" not in text.lower():
+                assert value == int(abs(exact).quantize(Decimal(1), ROUND_HALF_UP).copy_sign(exact))
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    texts=st.lists(st.text("0123456789.-+,x\0 \xff", max_size=6), min_size=1, max_size=8),
+    places=st.integers(0, 3),
+)
+def test_what_is_no_number_is_told(texts: list[str], places: int) -> None:
+    numbers, scaled = parsing.floats(column(texts)), parsing.scaled(column(texts), places)
+    assert scaled.bad.tolist() == numbers.bad.tolist()
+    assert scaled.present.tolist() == (~np.isnan(numbers.values)).tolist()
+    np.testing.assert_allclose(
+        scaled.values[scaled.present],
+        numbers.values[scaled.present] * 10**places,
+        rtol=0,
+        atol=0.500001,
+    )
+
+
+def test_the_largest_numbers() -> None:
+    texts = [str(2**63 - 2**10 - 1), str(2**63), "9" * 19, "9" * 20, "-" + "9" * 18, "0" * 30 + "7"]
+    values, present, bad = parsing.scaled(column(texts))
+    assert present.tolist() == [True, False, False, False, True, True]
+    assert bad.tolist() == [not there for there in present.tolist()]
+    assert values[present].tolist() == [2**63 - 2**10 - 1, -(10**18 - 1), 7]
+
+
+def test_a_number_of_nanoseconds_is_read_to_its_last_digit() -> None:
+    assert parsing.scaled(column(["1764585664362463217"])).values.tolist() == [
+        1_764_585_664_362_463_217
+    ]
+    assert parsing.scaled(column(["1764585664.362463217"]), 9).values.tolist() == [
+        1_764_585_664_362_463_217
+    ]
+    assert parsing.scaled(column(["1,5E0"]), 9, decimal_comma=True).values.tolist() == [
+        1_500_000_000
+    ]
+    assert parsing.scaled(column(["1.764585664362463E18"])).values.tolist() == [
+        1_764_585_664_362_463_000
+    ]
