@@ -12,6 +12,7 @@ ORDER = [
     "gnss_time",
     "integrity",
     "schema",
+    "table",
     "recording",
     "codec",
     "plugins",

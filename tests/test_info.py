@@ -10,7 +10,8 @@ import pytest
 from spoofbench import info
 from spoofbench.codec import write
 from spoofbench.conversion import Ledger, Reject
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 
 START_NS = 1_700_000_000_000_000_000
 SECOND_NS = 1_000_000_000

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spoofbench.errors import RecordingError
-from spoofbench.recording import Column, Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
 from spoofbench.schema import KINDS, SENSOR_KINDS
+from spoofbench.table import Column, Table
 
 WORDS = st.sampled_from(["1C", "5Q", "2X", "", "é"])
 

@@ -14,7 +14,8 @@ from benchmarks.agreement.logs import Log
 from spoofbench.codec import read
 from spoofbench.conversion import Ledger, Source, convert
 from spoofbench.errors import SpoofbenchError
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 
 _EARTH_M = 6_371_008.8
 REFERENCE_DATE = "2024-01-01"

@@ -28,9 +28,10 @@ from benchmarks.speed.frame import Job
 from benchmarks.speed.mcap_rows import imu_rows, write_awkward
 from spoofbench.codec import Compression, read, validate, write
 from spoofbench.codec.protobuf import descriptor_set
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.schema import KINDS
 from spoofbench.schema.v1.imu_pb2 import Imu
+from spoofbench.table import Table
 
 TOPIC = "/imu0/imu"
 SCHEMA = KINDS["imu"].message.full_name

@@ -16,7 +16,7 @@ from google.protobuf.message_factory import GetMessageClass
 from mcap_protobuf.writer import Writer as PairWriter
 
 from spoofbench.codec import read
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 ROWS = 260_000
 

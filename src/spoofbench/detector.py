@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spoofbench.errors import PluginError, RecordingError
-from spoofbench.recording import Interval, Recording, Table, frozen
+from spoofbench.recording import Interval, Recording
 from spoofbench.schema import split_topic
+from spoofbench.table import Table, frozen
 
 
 @dataclass(frozen=True, slots=True, eq=False)

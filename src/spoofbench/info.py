@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from spoofbench.codec import read
 from spoofbench.conversion import Ledger
 from spoofbench.doctor import Finding, examine
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.report.text import counted, printable
 from spoofbench.schema import TRUTH_TOPIC, split_topic
+from spoofbench.table import Table
 
 STOPPED_MPS = 0.3
 GAP_FACTOR = 1.75

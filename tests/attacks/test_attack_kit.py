@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from spoofbench.errors import PluginError
-from spoofbench.recording import Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
+from spoofbench.table import Table
 from spoofbench.testing.attacks import LAWS, check_attack, run_attack_checks
 
 

@@ -10,7 +10,8 @@ import pytest
 from spoofbench.attacks import Attack, make_variant
 from spoofbench.attacks.extrapolation import Extrapolate, ExtrapolateSmooth
 from spoofbench.attacks.synthetic import DragOff, ZeroAcceleration
-from spoofbench.recording import Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
+from spoofbench.table import Table
 from spoofbench.testing import drive
 
 PVT = "/gnss0/gnss/pvt"

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from spoofbench import codec, plugins
 from spoofbench.attacks import attackable_span, draw_window, make_variant, resolution
 from spoofbench.errors import NotApplicable
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 from spoofbench.testing import drive
 
 PVT = "gnss/pvt"

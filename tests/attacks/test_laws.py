@@ -18,8 +18,9 @@ from spoofbench.attacks.laws import differing
 from spoofbench.attacks.replay import Meacon, RepeatBack, Replay
 from spoofbench.attacks.synthetic import DragOff, ZeroAcceleration
 from spoofbench.errors import NotApplicable, PluginError
-from spoofbench.recording import Column, Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
 from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
+from spoofbench.table import Column, Table
 from spoofbench.testing import drive
 
 PVT = "/gnss0/gnss/pvt"

@@ -13,7 +13,7 @@ from spoofbench.attacks.motion import (
     motion_of,
     with_motion,
 )
-from spoofbench.recording import Table
+from spoofbench.table import Table
 from spoofbench.testing import drive
 
 

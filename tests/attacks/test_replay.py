@@ -10,7 +10,8 @@ from spoofbench.attacks.extrapolation import Extrapolate
 from spoofbench.attacks.replay import Meacon, RepeatBack, Replay
 from spoofbench.attacks.rows import nearest_rows
 from spoofbench.errors import NotApplicable
-from spoofbench.recording import Column, Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
+from spoofbench.table import Column, Table
 from spoofbench.testing import drive
 
 PVT = "/gnss0/gnss/pvt"

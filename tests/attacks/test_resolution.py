@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spoofbench.attacks.resolution import Floats, Writing, resolution, resolutions
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 WRITINGS: dict[str, tuple[Writing, float]] = {
     "decimals": (lambda x: np.round(x, 3), 1e-3),

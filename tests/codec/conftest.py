@@ -11,8 +11,8 @@ from hypothesis.extra import numpy as hnp
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from spoofbench.recording import Column, Table
 from spoofbench.schema import KINDS, Field, split_topic, topic_of
+from spoofbench.table import Column, Table
 
 TIMES = st.integers(0, 2**63 - 1)
 ENUMS = st.sampled_from([0, 1, 5, 127, 128, 16384, 2**31 - 1, -1, -(2**31)])

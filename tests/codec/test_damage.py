@@ -25,8 +25,9 @@ from mcap.records import Channel, Chunk, DataEnd, Footer, Header, MessageIndex, 
 from spoofbench.codec import Limits, Writer, read, validate, write
 from spoofbench.codec.protobuf import descriptor_set
 from spoofbench.errors import FormatError, LimitError, SpoofbenchError
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.schema import KINDS
+from spoofbench.table import Table
 
 MAGIC = mcap.writer.MCAP0_MAGIC
 

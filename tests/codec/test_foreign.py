@@ -24,8 +24,9 @@ from mcap_protobuf.schema import register_schema
 
 from spoofbench.codec import read, validate
 from spoofbench.codec.protobuf import descriptor_set
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.schema import KINDS
+from spoofbench.table import Table
 
 Rows = Iterator[tuple[int, str, Any]]
 INTEGERS = (

@@ -17,8 +17,9 @@ from mcap_protobuf.decoder import DecoderFactory
 from spoofbench.codec import Writer, read, validate, write
 from spoofbench.codec.packing import TableRows
 from spoofbench.errors import RecordingError
-from spoofbench.recording import Column, Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.schema import KINDS
+from spoofbench.table import Column, Table
 
 COMPRESSIONS = ("zstd", "lz4", "none")
 

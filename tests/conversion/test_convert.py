@@ -16,7 +16,7 @@ from spoofbench.codec import read
 from spoofbench.conversion import Block, Ledger, Reject, SizeHint, Source, SourceMetadata, convert
 from spoofbench.conversion.ledger import DETAILED_REJECTS
 from spoofbench.errors import ConversionError, PluginError, RecordingError
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 START_NS = 1_700_000_000_000_000_000
 TOPIC = "/imu0/imu"

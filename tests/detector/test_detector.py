@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from spoofbench.detector import Decisions, Detector, Step, Trainable, detect, stepwise
 from spoofbench.errors import PluginError, RecordingError
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 from spoofbench.testing import drive
 
 

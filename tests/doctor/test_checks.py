@@ -10,7 +10,8 @@ import pytest
 
 from spoofbench.conversion import Ledger, Reject
 from spoofbench.doctor import Finding, examine
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 from spoofbench.testing.recordings import START_NS, drive, spoofed_drive
 
 PVT, IMU, MAG = "/gnss0/gnss/pvt", "/imu0/imu", "/car0/mag"

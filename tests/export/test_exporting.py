@@ -23,8 +23,9 @@ from spoofbench.codec import write
 from spoofbench.errors import ConversionError, PluginError, RecordingError
 from spoofbench.exporting import export, export_by_mapping
 from spoofbench.exporting.tables import arrow_table, write_csv
-from spoofbench.recording import Column, Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.schema import KINDS, split_topic
+from spoofbench.table import Column, Table
 from spoofbench.testing.recordings import drive
 
 GPX = "{http://www.topografix.com/GPX/1/1}"

@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from spoofbench.detector import Decisions
 from spoofbench.errors import LimitError, RecordingError
-from spoofbench.recording import Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
 from spoofbench.results import Truth
 from spoofbench.scoring.grid import build_truth, release_guard, score_on_grid
+from spoofbench.table import Table
 
 S = 1_000_000_000
 TOPIC = "/gnss0/gnss/pvt"

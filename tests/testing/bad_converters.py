@@ -17,7 +17,7 @@ import numpy as np
 
 from spoofbench.conversion import Block, Item, Reject, Rejects, Source, SourceMetadata
 from spoofbench.errors import ConversionError
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 TOPIC = "/gnss0/gnss/pvt"
 START_NS = 1_700_000_000_000_000_000

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Columns
 from spoofbench.conversion.rows import take
-from spoofbench.recording import Column
+from spoofbench.table import Column
 from spoofbench_converters.nmea import satellites
 from spoofbench_converters.nmea.batch import RESIDUAL, USE
 from spoofbench_converters.nmea.fields import Bools, Ints

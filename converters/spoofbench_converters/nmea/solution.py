@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.conversion import Columns
-from spoofbench.recording import Column
 from spoofbench.schema.v1 import gnss_pb2 as enums
+from spoofbench.table import Column
 from spoofbench_converters.nmea import utc
 from spoofbench_converters.nmea.fields import Bools, Ints, one_of
 from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS

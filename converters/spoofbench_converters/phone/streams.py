@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Block, Columns, Item, Rejects, TimeSorter
 from spoofbench.conversion.rows import join, take
-from spoofbench.recording import Column, Table
 from spoofbench.schema import KINDS, topic_of
+from spoofbench.table import Column, Table
 
 Words = Mapping[str, tuple[str, ...]]
 REPEATED = "repeated row"

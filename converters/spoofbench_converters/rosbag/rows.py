@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Block, Columns, Rejects, TimeSorter
 from spoofbench.conversion.rows import join, take
-from spoofbench.recording import Column, Table, encode_words
 from spoofbench.schema import KINDS, topic_of
+from spoofbench.table import Column, Table, encode_words
 
 BACKWARDS = "time runs backwards"
 JOIN_NS = 10_000_000_000

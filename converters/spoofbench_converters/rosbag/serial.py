@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.conversion import Block, Columns, Reject, Rejects, SourceMetadata
-from spoofbench.recording import Column
+from spoofbench.table import Column
 from spoofbench_converters.rosbag import slabs
 from spoofbench_converters.rosbag.layouts import Group
 from spoofbench_converters.rosbag.rows import RowStream

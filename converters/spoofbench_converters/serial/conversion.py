@@ -10,7 +10,7 @@ import numpy as np
 
 from spoofbench.conversion import Block, Item, Rejects, SourceMetadata
 from spoofbench.errors import ConversionError
-from spoofbench.recording import Table
+from spoofbench.table import Table
 from spoofbench_converters.serial.contract import Decoder, Epochs, Rows
 from spoofbench_converters.serial.course import HORIZON, TIMED
 from spoofbench_converters.serial.demux import PIECE_BYTES, Piece, demultiplex

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Block, Columns, Rejects, TimeSorter
 from spoofbench.conversion.rows import join, take
-from spoofbench.recording import Column, Table, encode_words
 from spoofbench.schema import KINDS, topic_of
+from spoofbench.table import Column, Table, encode_words
 from spoofbench_converters.serial.contract import ABSENT_NS, Epochs, Rows
 from spoofbench_converters.serial.course import TIMED
 from spoofbench_converters.serial.frames import Places

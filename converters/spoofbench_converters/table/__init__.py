@@ -17,8 +17,8 @@ import numpy as np
 
 from spoofbench.conversion import Block, Item, Reject, Rejects, SizeHint, Source, SourceMetadata
 from spoofbench.errors import ConversionError
-from spoofbench.recording import Table
 from spoofbench.schema import split_topic
+from spoofbench.table import Table
 from spoofbench_converters.table.anchoring import start_of
 from spoofbench_converters.table.export import export
 from spoofbench_converters.table.mapping import Mapping, load_mapping

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from spoofbench.errors import ConversionError
 from spoofbench.gnss_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 from spoofbench_converters.table.earth import earth_centred
 from spoofbench_converters.table.fields import ECEF, FieldSpec, TimeSpec
 from spoofbench_converters.table.files import fits

@@ -8,7 +8,7 @@ import numpy as np
 from spoofbench.conversion import Block, Columns, Item, Rejects, TimeSorter
 from spoofbench.conversion.rows import take
 from spoofbench.errors import ConversionError
-from spoofbench.recording import Table
+from spoofbench.table import Table
 from spoofbench_converters.table.appending import Appending
 from spoofbench_converters.table.cells import Bools
 from spoofbench_converters.table.mapping import TableSpec

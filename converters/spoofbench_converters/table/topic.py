@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from spoofbench.conversion import Columns
 from spoofbench.errors import LimitError
 from spoofbench.gnss_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds
-from spoofbench.recording import Column, Table
 from spoofbench.schema import KINDS
+from spoofbench.table import Column, Table
 from spoofbench_converters.table import cells
 from spoofbench_converters.table.cells import Bools
 from spoofbench_converters.table.earth import geodetic

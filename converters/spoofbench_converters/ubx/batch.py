@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.conversion import Rejects
-from spoofbench.recording import Column
+from spoofbench.table import Column
 from spoofbench_converters.serial.contract import ABSENT_NS, Rows
 from spoofbench_converters.ubx.frames import Held, Ints
 from spoofbench_converters.ubx.messages import MESSAGES, NUMBER

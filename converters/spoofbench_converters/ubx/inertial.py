@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Column
+from spoofbench.table import Column
 from spoofbench_converters.serial.contract import Rows
 from spoofbench_converters.ubx.batch import Batch, Cells, Picked
 from spoofbench_converters.ubx.frames import Ints

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Column
 from spoofbench.schema import KINDS
+from spoofbench.table import Column
 from spoofbench_converters.serial.contract import ABSENT_NS, Rows
 from spoofbench_converters.ubx.frames import Ints
 

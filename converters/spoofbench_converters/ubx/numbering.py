@@ -8,7 +8,7 @@ Satellite Numbering; RINEX 3.05, tables 9 to 15.
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Column
+from spoofbench.table import Column
 from spoofbench_converters.ubx.batch import Cells
 from spoofbench_converters.ubx.frames import Ints
 

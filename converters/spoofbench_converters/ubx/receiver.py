@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Column
 from spoofbench.schema.v1 import gnss_pb2
+from spoofbench.table import Column
 from spoofbench_converters.serial.contract import Rows
 from spoofbench_converters.ubx.batch import NO_ACCURACY, Batch, Cells, absent_where, scaled
 from spoofbench_converters.ubx.frames import Ints

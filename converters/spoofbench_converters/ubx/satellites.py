@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Column, encode_words
+from spoofbench.table import Column, encode_words
 from spoofbench_converters.serial.contract import Rows
 from spoofbench_converters.ubx.batch import Batch, Cells, absent_where
 from spoofbench_converters.ubx.frames import Ints

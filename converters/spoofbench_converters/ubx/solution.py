@@ -8,8 +8,8 @@ inertial sensors.
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Column
 from spoofbench.schema.v1 import gnss_pb2
+from spoofbench.table import Column
 from spoofbench_converters.serial.contract import Rows
 from spoofbench_converters.ubx.batch import (
     NO_ACCURACY,

@@ -14,8 +14,9 @@ from spoofbench_acceleration.approach import APPROACHES, fly
 from spoofbench_acceleration.lo_printed import CASES
 from spoofbench_acceleration.lo_tables import MONITORS, STRIDES, convention, outcomes
 
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.reproducing import Reproduced, write_pages
+from spoofbench.table import Table
 
 SEEDS = range(60)
 

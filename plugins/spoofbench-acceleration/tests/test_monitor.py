@@ -12,7 +12,8 @@ from spoofbench_acceleration import AccelerationMonitor
 from spoofbench.detector import detect
 from spoofbench.errors import PluginError, RecordingError
 from spoofbench.plugins import DETECTORS, make
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 from spoofbench.testing import check_detector, drive, spoofed_drive
 
 CAR = AccelerationMonitor(axis="along_track", pitch=True)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from spoofbench_acceleration import motion as m
 
 from spoofbench.errors import RecordingError
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 G = 9.81
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from spoofbench_baselines import Always, Never, Periodic, Random, ReceiverFlag
 
 from spoofbench.detector import detect
-from spoofbench.recording import Column, Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Column, Table
 from spoofbench.testing import check_detector, drive
 
 SECOND = 1_000_000_000

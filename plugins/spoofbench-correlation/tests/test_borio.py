@@ -15,7 +15,8 @@ from spoofbench_correlation import borio_statistics as statistics
 from spoofbench_correlation.borio_statistics import Series
 
 from spoofbench.errors import NotApplicable, SpoofbenchError
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -8,7 +8,8 @@ import pytest
 from spoofbench_correlation import Correlation
 
 from spoofbench.detector import Decisions, detect
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 from spoofbench.testing import drive, spoofed_drive
 
 PVT, IMU = "/gnss0/gnss/pvt", "/imu0/imu"

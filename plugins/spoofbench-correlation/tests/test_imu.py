@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spoofbench_correlation import imu
 
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 SECOND = 1_000_000_000
 NAMES = (

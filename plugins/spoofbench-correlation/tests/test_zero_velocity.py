@@ -8,7 +8,8 @@ import pytest
 from spoofbench_correlation import ZeroVelocity
 
 from spoofbench.detector import detect
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 from spoofbench.testing import drive, spoofed_drive
 
 SECOND = 1_000_000_000

@@ -8,7 +8,8 @@ from spoofbench_innovation import InnovationMonitor, filtering
 from spoofbench_innovation.grades import GRADES, GradeName
 from spoofbench_innovation.measurements import EARTH_RATE_RADPS, gravity_mps2
 
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 from spoofbench.testing.motion import STEP_S, body_from_ned, make_motion
 
 NOISE = {"position_m": 1.5, "vertical_m": 3.0, "velocity_mps": 0.05, "climb_mps": 0.1}

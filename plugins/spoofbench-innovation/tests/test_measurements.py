@@ -10,7 +10,7 @@ from spoofbench_innovation import alignment
 from spoofbench_innovation.measurements import gravity_mps2, measurements
 from spoofbench_innovation.nominal import nominal
 
-from spoofbench.recording import Table
+from spoofbench.table import Table
 from spoofbench.testing import drive
 
 FLOOR = (1.5, 3.0, 0.05, 0.1)

@@ -16,7 +16,8 @@ from spoofbench_innovation.preintegration import rotations
 from spoofbench.detector import Trainable, detect
 from spoofbench.errors import PluginError, RecordingError
 from spoofbench.plugins import DETECTORS, make
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 from spoofbench.testing import check_detector, drive, spoofed_drive
 
 MONITOR = InnovationMonitor()

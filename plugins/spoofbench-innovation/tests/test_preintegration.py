@@ -17,7 +17,7 @@ from spoofbench_innovation.preintegration import (
     rotations,
 )
 
-from spoofbench.recording import Table
+from spoofbench.table import Table
 from spoofbench.testing import drive
 
 Array = np.ndarray[Any, Any]

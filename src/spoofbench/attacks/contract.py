@@ -20,8 +20,9 @@ from spoofbench.attacks.laws import (
     falsified,
 )
 from spoofbench.errors import NotApplicable, PluginError, SpoofbenchError
-from spoofbench.recording import Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
 from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
+from spoofbench.table import Table
 
 
 @runtime_checkable

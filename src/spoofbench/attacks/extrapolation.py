@@ -19,7 +19,8 @@ from spoofbench.attacks.rows import (
     supply_from,
     with_rows_of,
 )
-from spoofbench.recording import Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
+from spoofbench.table import Table
 
 Flags = NDArray[np.bool_]
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from spoofbench.attacks.motion import Floats
 from spoofbench.attacks.resolution import resolutions
 from spoofbench.errors import PluginError
-from spoofbench.recording import Column, Interval, Recording, Table, encode_words
+from spoofbench.recording import Interval, Recording
 from spoofbench.schema import KINDS, split_topic
+from spoofbench.table import Column, Table, encode_words
 
 GENUINE = ("receive_time_ns", "gps_week", "tow_s", "time_valid")
 """Fields that stay the victim's own unless the attack's class is ``time``."""

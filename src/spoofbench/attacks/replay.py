@@ -23,7 +23,8 @@ from spoofbench.attacks.rows import (
     with_rows_of,
 )
 from spoofbench.errors import NotApplicable
-from spoofbench.recording import Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
+from spoofbench.table import Table
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 Floats = NDArray[np.float64]
 Writing = Callable[[Floats], Floats]

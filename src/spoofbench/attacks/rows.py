@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from spoofbench.attacks.laws import GENUINE, Rows
 from spoofbench.attacks.motion import interval_s
 from spoofbench.errors import NotApplicable
-from spoofbench.recording import Column, Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
+from spoofbench.table import Column, Table
 
 PVT = "gnss/pvt"
 SAME_RATE = 0.02

@@ -19,7 +19,8 @@ from spoofbench.attacks.motion import (
 )
 from spoofbench.attacks.rows import PVT, require_at_least_0, rows_within
 from spoofbench.errors import NotApplicable
-from spoofbench.recording import Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
+from spoofbench.table import Table
 
 _SMOOTHER = (
     np.array([-3.0, 12.0, 17.0, 12.0, -3.0]) / 35

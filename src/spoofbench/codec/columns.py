@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.errors import FormatError, RecordingError
-from spoofbench.recording import Column, Table
 from spoofbench.schema import Field, Kind
+from spoofbench.table import Column, Table
 
 Values = tuple[NDArray[Any], NDArray[np.bool_] | None]
 """Values of a field ``(n,)``, and which rows have it, None where all do."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 
 def location_fixes(frame_id: str, table: Table) -> tuple[NDArray[np.int64], list[bytes]]:

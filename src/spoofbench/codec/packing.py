@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from spoofbench.codec.container import LOG_TIME, MESSAGE
 from spoofbench.codec.protobuf import DELIMITED, FIXED32, FIXED64, VARINT
 from spoofbench.errors import RecordingError
-from spoofbench.recording import Table
 from spoofbench.schema import Field
+from spoofbench.table import Table
 
 _ABSENT = -1
 _WIRE_TYPES = {

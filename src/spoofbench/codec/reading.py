@@ -16,7 +16,8 @@ from spoofbench.codec.protobuf import Reading, is_derived, reading_of
 from spoofbench.codec.survey import Survey, survey
 from spoofbench.codec.unpacking import Decoder
 from spoofbench.errors import FormatError, LimitError
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 
 _THREADS = min(4, os.cpu_count() or 1)
 

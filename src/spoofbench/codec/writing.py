@@ -28,8 +28,9 @@ from spoofbench.codec.location import location_fixes
 from spoofbench.codec.packing import BlobRows, Rows, TableRows
 from spoofbench.codec.protobuf import ENCODING, LOCATION_SUFFIX, descriptor_set
 from spoofbench.errors import RecordingError
-from spoofbench.recording import Metadata, Recording, Table
+from spoofbench.recording import Metadata, Recording
 from spoofbench.schema import split_topic
+from spoofbench.table import Table
 
 CHUNK_BYTES = 1 << 20
 _THREADS = min(4, os.cpu_count() or 1)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.conversion.sources import Source
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.gnss_time import GPS_EPOCH_NS, ROLLOVER_NS, SECOND_NS, WEEK_NS
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 ROLLOVER_S = ROLLOVER_NS // SECOND_NS
 

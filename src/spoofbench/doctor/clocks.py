@@ -9,9 +9,10 @@ from spoofbench.doctor.claims import ROLLOVER_S, claimed_gps_s
 from spoofbench.doctor.finding import Finding, facts, where
 from spoofbench.doctor.motion import Floats, Times
 from spoofbench.gnss_time import SECOND_NS, leap_seconds
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.report.text import counted
 from spoofbench.schema import SENSOR_KINDS, split_topic
+from spoofbench.table import Table
 
 MODIFIED = "modified_ns"
 """When the log was last written: the doctor adds it to the metadata ``origin`` of a log that it

@@ -4,8 +4,9 @@ import numpy as np
 
 from spoofbench.doctor.finding import Finding, facts, where
 from spoofbench.doctor.motion import Bools, Floats, runs, speed
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.schema import split_topic
+from spoofbench.table import Table
 
 GRAVITY_MPS2 = 9.80665
 ACCEL = ("accel_x_mps2", "accel_y_mps2", "accel_z_mps2")

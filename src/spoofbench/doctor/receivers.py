@@ -9,7 +9,8 @@ import numpy as np
 from spoofbench.doctor.finding import Finding
 from spoofbench.doctor.motion import EARTH_RADIUS_M, Floats
 from spoofbench.gnss_time import leap_seconds
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 
 LEAST_EPOCHS = 30
 TOGETHER_M = 30.0

@@ -14,7 +14,8 @@ from spoofbench.doctor.finding import Finding
 from spoofbench.doctor.inertial import ACCEL, GYRO
 from spoofbench.doctor.motion import Floats, Steps, course, speed, steps, wrapped
 from spoofbench.gnss_time import leap_seconds
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 
 SLOWEST_MPS = 2.5
 LONGEST_STEP_S = 3.0

@@ -8,7 +8,8 @@ import numpy as np
 
 from spoofbench.doctor.finding import Finding
 from spoofbench.doctor.motion import Bools, Floats, Steps, steps, wrapped
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 
 WINDOW_S = 5.0
 LEAST_WAY_M = 20.0

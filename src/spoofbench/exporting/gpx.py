@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench import __version__
-from spoofbench.recording import Table
 from spoofbench.schema.v1 import gnss_pb2
+from spoofbench.table import Table
 
 SEGMENT_GAP_S = 10.0
 """A longer one ends a segment: the receiver was lost or switched off, and no line may be drawn."""

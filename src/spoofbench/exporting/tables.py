@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from spoofbench.recording import Metadata, Table
+from spoofbench.recording import Metadata
 from spoofbench.schema import Field
+from spoofbench.table import Table
 
 
 def arrow_table(table: Table, topic: str, metadata: Metadata) -> Any:

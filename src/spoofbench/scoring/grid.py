@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from spoofbench.detector import Decisions
 from spoofbench.errors import LimitError, RecordingError
-from spoofbench.recording import Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
 from spoofbench.results import Truth
 from spoofbench.schema import TRUTH_TOPIC
+from spoofbench.table import Table
 
 GUARD_S = 10.0
 """Least length of the release guard after an attack."""

@@ -5,7 +5,8 @@ from functools import cache
 
 import numpy as np
 
-from spoofbench.recording import Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
+from spoofbench.table import Table
 from spoofbench.testing.recordings import drive
 
 

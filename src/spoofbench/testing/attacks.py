@@ -28,8 +28,9 @@ from spoofbench.attacks.contract import (
 from spoofbench.attacks.laws import differing
 from spoofbench.attacks.resolution import resolutions
 from spoofbench.errors import NotApplicable
-from spoofbench.recording import Interval, Recording, Table
+from spoofbench.recording import Interval, Recording
 from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
+from spoofbench.table import Table
 from spoofbench.testing.attack_material import examples, inner, poor
 from spoofbench.testing.checking import (
     Check,

@@ -26,8 +26,9 @@ from spoofbench.conversion import (
     SourceMetadata,
 )
 from spoofbench.errors import RecordingError, SpoofbenchError
-from spoofbench.recording import Column, Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.schema import split_topic
+from spoofbench.table import Column, Table
 from spoofbench.testing.checking import CheckFailed, require
 
 Run = tuple[int, int, str]

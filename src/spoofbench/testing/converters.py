@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spoofbench.conversion import Converter
-from spoofbench.recording import Table
 from spoofbench.schema import split_topic
+from spoofbench.table import Table
 from spoofbench.testing.checking import Check, CheckResult, parametrised, require
 from spoofbench.testing.converter_alone import convert_alone
 from spoofbench.testing.converter_subject import Outcome, Subject, TrickledSource, differing

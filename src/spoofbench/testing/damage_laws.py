@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spoofbench.recording import Table
+from spoofbench.table import Table
 from spoofbench.testing.checking import require
 from spoofbench.testing.converter_alone import convert_alone
 from spoofbench.testing.converter_subject import Outcome, Subject

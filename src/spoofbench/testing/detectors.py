@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spoofbench.detector import Detector
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.schema import SENSOR_KINDS, split_topic
+from spoofbench.table import Table
 from spoofbench.testing.checking import (
     Check,
     CheckFailed,

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Column, Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Column, Table
 
 _SEED = 20_170_503
 

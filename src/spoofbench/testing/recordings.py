@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.schema import SCHEMA_VERSION
+from spoofbench.table import Table
 from spoofbench.testing.motion import Floats, Motion, make_motion
 
 START_NS = 1_700_000_000_000_000_000

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spoofbench.conversion import Block, Item, Reject, Source
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 VERSION = "1"
 UNIT = "bytes"

@@ -8,8 +8,8 @@ import pytest
 from spoofbench_converters import phone
 from spoofbench_converters.phone import android
 
-from spoofbench.recording import Table
 from spoofbench.schema import KINDS
+from spoofbench.table import Table
 from spoofbench.testing.converter_subject import outcome
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0

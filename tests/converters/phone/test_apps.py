@@ -13,7 +13,8 @@ from spoofbench_converters import phone
 
 from spoofbench.conversion import Block, Reject, Rejects, Source, SourceMetadata
 from spoofbench.errors import ConversionError
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 
 START_NS = 1_700_000_000_123_456_789
 BOOT_NS = START_NS - 5_000_000_000_001

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from spoofbench_converters import phone
 
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 from spoofbench.testing.converter_subject import Outcome, outcome
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]

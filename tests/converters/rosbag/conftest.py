@@ -16,7 +16,8 @@ from spoofbench_converters import rosbag
 from spoofbench_converters.rosbag import aspn23
 
 from spoofbench.conversion import Block, Reject, Rejects, Source, SourceMetadata
-from spoofbench.recording import Column, Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Column, Table
 
 START_NS = 1_700_000_000_000_000_000
 Message = tuple[str, str, int, Any]

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 pytestmark = pytest.mark.drive
 

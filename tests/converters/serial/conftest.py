@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from spoofbench.conversion import Block, Item, Rejects, SourceMetadata
-from spoofbench.recording import Column, Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Column, Table
 
 START = datetime(2023, 5, 6, 23, 59, 50, tzinfo=UTC)
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)

@@ -10,7 +10,8 @@ import pytest
 from spoofbench_converters import table
 
 from spoofbench.conversion import Block, Ledger, Reject, Rejects, Source, SourceMetadata
-from spoofbench.recording import Column, Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Column, Table
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from spoofbench_converters.table import export
 
 from spoofbench.errors import ConversionError
-from spoofbench.recording import Column, Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Column, Table
 
 from .conftest import MAPPING, convert_table
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from pyubx2 import UBXReader
 from spoofbench_converters.ubx.messages import MESSAGES, NUMBER, offset_in
 
-from spoofbench.recording import Table
 from spoofbench.schema.v1 import gnss_pb2
+from spoofbench.table import Table
 
 Expected = dict[str, Any]
 _UNKNOWN = 0xFFFFFFFF

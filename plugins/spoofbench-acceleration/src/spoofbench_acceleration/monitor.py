@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.detector import Decisions
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
 from spoofbench.schema import split_topic
 from spoofbench.schema.v1 import gnss_pb2
+from spoofbench.table import Table
 from spoofbench_acceleration.motion import (
     Track,
     heading_rad,

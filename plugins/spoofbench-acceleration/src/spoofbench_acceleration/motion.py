@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.errors import RecordingError
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 Floats = NDArray[np.float64]
 

@@ -16,7 +16,8 @@ from spoofbench.conversion import convert
 from spoofbench.demo import drive_bag
 from spoofbench.detector import detect
 from spoofbench.errors import NotApplicable, SpoofbenchError
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 from spoofbench_correlation import gnss
 from spoofbench_correlation.correlation import Correlation
 from spoofbench_correlation.imu import FORCE, RATE

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.detector import Decisions
-from spoofbench.recording import Recording, Table
+from spoofbench.recording import Recording
+from spoofbench.table import Table
 from spoofbench_correlation import gnss, gravity, imu, windows
 from spoofbench_correlation.series import Comparison, series
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Table
+from spoofbench.table import Table
 from spoofbench_innovation import error_model, gains
 from spoofbench_innovation.alignment import Start, horizontal_velocity, starts
 from spoofbench_innovation.error_model import AZIMUTH, MEASURED, STATES

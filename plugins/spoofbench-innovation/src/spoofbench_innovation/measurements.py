@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Table
 from spoofbench.schema.v1 import gnss_pb2
+from spoofbench.table import Table
 
 Floats = NDArray[np.float64]
 

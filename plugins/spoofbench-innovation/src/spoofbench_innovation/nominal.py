@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.recording import Table
+from spoofbench.table import Table
 from spoofbench_innovation.preintegration import Increments, increments, rotation_vectors, rotations
 
 Floats = NDArray[np.float64]

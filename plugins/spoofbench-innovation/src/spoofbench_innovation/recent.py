@@ -5,7 +5,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import Generic, TypeVar
 
-from spoofbench.recording import Table
+from spoofbench.table import Table
 
 T = TypeVar("T")
 
