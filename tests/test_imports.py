@@ -9,6 +9,7 @@ import pytest
 ROOT = Path(__file__).parent.parent / "src"
 ORDER = [
     "errors",
+    "arrays",
     "gnss_time",
     "integrity",
     "schema",
