@@ -11,6 +11,7 @@ ORDER = [
     "errors",
     "arrays",
     "gnss_time",
+    "formatting",
     "integrity",
     "schema",
     "table",

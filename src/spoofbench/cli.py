@@ -321,7 +321,7 @@ def run(
 @app.command()
 def score(results: Path) -> None:
     """Score again from the raw decisions."""
-    from spoofbench.scoring.folder import score_folder
+    from spoofbench.scoring.score import score_folder
 
     score_folder(results)
     _leaderboard(results)

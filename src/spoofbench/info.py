@@ -3,7 +3,6 @@
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,15 @@ from numpy.typing import NDArray
 from spoofbench.codec import read
 from spoofbench.conversion import Ledger
 from spoofbench.doctor import Finding, examine
+from spoofbench.formatting import (
+    byte_size,
+    counted,
+    date_time,
+    hours_minutes_seconds,
+    printable,
+    share_percent,
+)
 from spoofbench.recording import Recording
-from spoofbench.report.text import counted, printable
 from spoofbench.schema import TRUTH_TOPIC, split_topic
 from spoofbench.table import Table
 
@@ -123,8 +129,8 @@ def as_text(summary: Summary) -> str:
     """Return a summary for people, at a glance, in 80 columns."""
     when = "no rows"
     if summary.start_ns is not None and summary.duration_s is not None:
-        start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=summary.start_ns // 1000)
-        when = f"{_minutes(summary.duration_s)} from {start:%Y-%m-%d %H:%M:%S} UTC"
+        duration = hours_minutes_seconds(summary.duration_s)
+        when = f"{duration} from {date_time(summary.start_ns)} UTC"
     origin = summary.metadata.get("origin", {})
     lines = [printable(summary.file), f"  {when}", *_topic_lines(summary.topics), ""]
     if "file" in origin:
@@ -193,11 +199,7 @@ def _ledger_text(ledger: Ledger) -> str:
     if not ledger.skipped:
         return text
     reason, count = ledger.reasons.most_common(1)[0]
-    share = 100 * ledger.skipped / (ledger.used + ledger.skipped)
-    return (
-        f"{text} ({'less than 0.1' if share < 0.05 else f'{share:.1f}'} %), {count:,} of them: "
-        f"{reason}"
-    )
+    return f"{text} ({share_percent(ledger.skipped_share)} %), {count:,} of them: {reason}"
 
 
 def _doctor_text(findings: Sequence[Finding]) -> str:
@@ -214,14 +216,7 @@ def _doctor_text(findings: Sequence[Finding]) -> str:
 
 
 def _size(text: str) -> str:
-    if not text.isdecimal() or len(text) > 20:
-        return ""
-    size = float(text)
-    for unit in ("bytes", "kB", "MB"):
-        if size < 1000:
-            return f"{size:.3g} {unit}, "
-        size /= 1000
-    return f"{size:,.3g} GB, "
+    return f"{byte_size(float(text))}, " if text.isdecimal() and len(text) <= 20 else ""
 
 
 def _topic(recording: Recording, topic: str) -> TopicSummary:
@@ -295,7 +290,8 @@ def _topic_lines(topics: tuple[TopicSummary, ...]) -> list[str]:
         rate = f"{topic.rate_hz:.2f}" if topic.rate_hz else ""
         gap = f"{topic.longest_gap_s:.3f}" if topic.longest_gap_s else ""
         lines.append(
-            f"  {name + (' *' if topic.primary else ''):<{width}}{topic.rows:>11,}{rate:>10}{topic.gaps:>7}{gap:>11}"
+            f"  {name + (' *' if topic.primary else ''):<{width}}{topic.rows:>11,}{rate:>10}"
+            f"{topic.gaps:>7}{gap:>11}"
         )
     return (
         [*lines, "  * primary source of its kind"]
@@ -322,14 +318,4 @@ def _pair(name: str, value: str) -> str:
         WIDTH,
         initial_indent=f"{printable(name) + '  ':<11}",
         subsequent_indent=" " * 11,
-    )
-
-
-def _minutes(duration_s: float) -> str:
-    minutes, seconds = divmod(round(duration_s), 60)
-    hours, minutes = divmod(minutes, 60)
-    return (
-        f"{hours} h {minutes:02d} min {seconds:02d} s"
-        if hours
-        else f"{minutes} min {seconds:02d} s"
     )

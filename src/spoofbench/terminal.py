@@ -54,7 +54,7 @@ def print_json(value: Any) -> None:
 
 def print_lines(lines: Iterable[str]) -> None:
     """Print lines without what a terminal would obey."""
-    from spoofbench.report.text import printable
+    from spoofbench.formatting import printable
 
     for line in lines:
         typer.echo(printable(line))
@@ -62,7 +62,7 @@ def print_lines(lines: Iterable[str]) -> None:
 
 def complain(reason: str) -> None:
     """Print one line on stderr."""
-    from spoofbench.report.text import printable
+    from spoofbench.formatting import printable
 
     typer.echo(f"spoofbench: {printable(' '.join(reason.split()))}", err=True)
 
@@ -75,7 +75,7 @@ def progress_bars() -> Iterator[Progress]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from spoofbench.report.text import printable
+    from spoofbench.formatting import printable
 
     console = Console(stderr=True)
     columns = (

@@ -19,7 +19,7 @@ from spoofbench.results import (
     write_tasks,
     write_truth,
 )
-from spoofbench.scoring.folder import score_folder
+from spoofbench.scoring.score import score_folder
 
 START_NS = 1_700_000_000_000_000_000
 S = 1_000_000_000

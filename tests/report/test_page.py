@@ -13,7 +13,7 @@ from spoofbench.detector import Decisions
 from spoofbench.report import markdown, write_site
 from spoofbench.report.traces import STEPS
 from spoofbench.results import Outcome, read_tasks, read_truth, write_outcome, write_tasks
-from spoofbench.scoring.folder import score_folder
+from spoofbench.scoring.score import score_folder
 
 
 class Page(HTMLParser):

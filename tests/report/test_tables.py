@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from spoofbench.report import markdown, print_leaderboard
-from spoofbench.scoring.ranking import leaderboard
+from spoofbench.scoring.leaderboard import leaderboard
 
 
 def terminal(folder, width=80):

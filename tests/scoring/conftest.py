@@ -21,8 +21,8 @@ from spoofbench.results import (
     write_tasks,
     write_truth,
 )
-from spoofbench.scoring.folder import score_folder
 from spoofbench.scoring.grid import release_guard, within
+from spoofbench.scoring.score import score_folder
 
 S = 1_000_000_000
 EPOCHS = 200

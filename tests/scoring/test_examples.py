@@ -14,7 +14,7 @@ from spoofbench.detector import Decisions
 from spoofbench.recording import Interval
 from spoofbench.results import Truth
 from spoofbench.scoring.grid import score_on_grid, within
-from spoofbench.scoring.measures import detection_pct, false_alerts, find_events, share
+from spoofbench.scoring.metrics import detection_pct, false_alerts, find_events, share
 
 HERE = Path(__file__).parent
 ORIGINAL = HERE.parents[2] / "shared" / "design" / "score_examples.json"

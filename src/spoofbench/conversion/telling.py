@@ -5,6 +5,7 @@ from typing import Any
 
 from spoofbench.conversion.batch import Outcome
 from spoofbench.conversion.ledger import Ledger
+from spoofbench.formatting import share_percent
 
 _MARKS = {"not recognised": "not recognised", "failed": "failed"}
 
@@ -52,14 +53,10 @@ def as_table(outcomes: Sequence[Outcome]) -> list[str]:
 def _shares(ledger: Ledger) -> str:
     share = ledger.skipped_share
     return (
-        f"{'-':>7} {'-':>7}" if share is None else f"{_percent(1 - share):>7} {_percent(share):>7}"
+        f"{'-':>7} {'-':>7}"
+        if share is None
+        else f"{share_percent(1 - share):>7} {share_percent(share):>7}"
     )
-
-
-def _percent(share: float) -> str:
-    """A percentage with one decimal, where what is not quite 0 or 100 is not written so."""
-    percent = 100 * share
-    return "<0.1" if 0 < percent < 0.05 else ">99.9" if 99.95 <= percent < 100 else f"{percent:.1f}"
 
 
 def _largest_loss(ledger: Ledger) -> str:

@@ -8,9 +8,9 @@ import numpy as np
 from spoofbench.doctor.claims import ROLLOVER_S, claimed_gps_s
 from spoofbench.doctor.finding import Finding, facts, where
 from spoofbench.doctor.motion import Floats, Times
+from spoofbench.formatting import counted
 from spoofbench.gnss_time import SECOND_NS, leap_seconds
 from spoofbench.recording import Recording
-from spoofbench.report.text import counted
 from spoofbench.schema import SENSOR_KINDS, split_topic
 from spoofbench.table import Table
 

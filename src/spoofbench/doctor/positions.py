@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from spoofbench.doctor.finding import Finding, Severity, where
 from spoofbench.doctor.motion import Floats, Steps, runs, speed, steps
+from spoofbench.formatting import counted
 from spoofbench.recording import Recording
-from spoofbench.report.text import counted
 from spoofbench.table import Table
 
 NULL_ISLAND_DEG = 0.01

@@ -4,8 +4,8 @@ import numpy as np
 
 from spoofbench.doctor.finding import Finding, where
 from spoofbench.doctor.motion import Floats, Times, runs
+from spoofbench.formatting import counted
 from spoofbench.recording import Recording
-from spoofbench.report.text import counted
 from spoofbench.schema import split_topic
 
 REGULAR = ("imu", "gnss/pvt", "mag", "baro", "ins/pva")

@@ -3,11 +3,10 @@
 import textwrap
 from collections.abc import Sequence
 from dataclasses import asdict
-from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from spoofbench.doctor.finding import SEVERITIES, Finding
-from spoofbench.report.text import counted, printable
+from spoofbench.formatting import counted, date_time, printable
 
 WIDTH = 80
 
@@ -50,11 +49,7 @@ def _total(findings: Sequence[Finding]) -> str:
 def _when(finding: Finding) -> str:
     if finding.start_ns is None:
         return ""
-    start = _clock(finding.start_ns)
+    start = date_time(finding.start_ns)
     if finding.end_ns in (None, finding.start_ns):
         return f" (at {start})"
-    return f" (from {start} to {_clock(finding.end_ns or 0)})"
-
-
-def _clock(time_ns: int) -> str:
-    return f"{datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=time_ns // 1000):%Y-%m-%d %H:%M:%S}"
+    return f" (from {start} to {date_time(finding.end_ns or 0)})"

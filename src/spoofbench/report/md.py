@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 
+from spoofbench.formatting import NONE, percent, printable, rate, share_percent
 from spoofbench.report.tables import (
     Board,
     cell_text,
@@ -12,7 +13,6 @@ from spoofbench.report.tables import (
     legend,
     time_to_detection,
 )
-from spoofbench.report.text import NONE, percent, printable, rate, share_percent
 
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>()#+!|~$&@:-])")
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from spoofbench.report.text import NONE, between, percent, rate, seconds, share_percent
+from spoofbench.formatting import NONE, between, date_time, percent, rate, seconds, share_percent
 from spoofbench.report.traces import (
     STEPS,
     Plane,
@@ -26,8 +26,8 @@ from spoofbench.results import (
     read_tasks,
     read_truth,
 )
-from spoofbench.scoring.folder import SCORE_SCHEMA
 from spoofbench.scoring.grid import GUARD_S
+from spoofbench.scoring.score import SCORE_SCHEMA
 
 CLEAN = "none (clean)"
 """What the page calls the attack of an unattacked task."""
@@ -125,7 +125,7 @@ def _variant(task: Task, truth: Truth | None, plane: Plane | None, pool: Pool) -
         "clean": pool.add(plane.east_north_dm(truth.clean_lat_deg, truth.clean_lon_deg), "<i4"),
         "attacked": attacked,
         "intervals": [interval_s(interval, start_ns) for interval in truth.intervals],
-        "start": str(np.datetime64(start_ns, "ns").astype("datetime64[s]")).replace("T", " "),
+        "start": date_time(start_ns),
     }
 
 

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from spoofbench.report.text import NONE, between, counted, percent, rate, seconds
+from spoofbench.formatting import NONE, between, counted, percent, rate, seconds
 from spoofbench.results import Task, has_truth, read_rows, read_tasks, read_truth
-from spoofbench.scoring.folder import EVENT_SCHEMA
-from spoofbench.scoring.ranking import Cell, Leaderboard, Row, leaderboard
+from spoofbench.scoring.leaderboard import Cell, Leaderboard, Row, leaderboard
+from spoofbench.scoring.score import EVENT_SCHEMA
 
 
 @dataclass(frozen=True, slots=True)

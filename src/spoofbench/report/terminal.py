@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from spoofbench.formatting import NONE, percent, printable, rate, share_percent
 from spoofbench.report.tables import (
     Board,
     cell_text,
@@ -18,7 +19,6 @@ from spoofbench.report.tables import (
     legend,
     time_to_detection,
 )
-from spoofbench.report.text import NONE, percent, printable, rate, share_percent
 
 _WIDTH = 80
 _NAME = 28

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 from urllib.parse import urlencode
 
+from spoofbench.formatting import NONE, between, percent, rate, share_percent
 from spoofbench.report.runs import labels
 from spoofbench.report.tables import (
     Board,
@@ -14,9 +15,8 @@ from spoofbench.report.tables import (
     far_interval,
     time_to_detection,
 )
-from spoofbench.report.text import NONE, between, percent, rate, share_percent
 from spoofbench.results import FAILURES
-from spoofbench.scoring.ranking import Cell, Row
+from spoofbench.scoring.leaderboard import Cell, Row
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ from spoofbench.runner.execution import Job, Preparation, describe
 from spoofbench.runner.ledger import Ledger, check_folder
 from spoofbench.runner.planning import Part
 from spoofbench.runner.workers import Server
-from spoofbench.scoring.folder import score_folder
+from spoofbench.scoring.score import score_folder
 from spoofbench.suite import Suite
 
 

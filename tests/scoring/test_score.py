@@ -10,7 +10,7 @@ import pytest
 from spoofbench.detector import Decisions
 from spoofbench.errors import ResultsError
 from spoofbench.results import Outcome, write_outcome
-from spoofbench.scoring.folder import SCORE_SCHEMA, score_folder
+from spoofbench.scoring.score import SCORE_SCHEMA, score_folder
 
 FIRST_COLUMNS = """
 recording attack seed detector status reason far_per_hour far_per_hour_lo far_per_hour_hi far_epoch alert_fraction detection_pct

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spoofbench.recording import Interval
-from spoofbench.scoring import measures
-from spoofbench.scoring.measures import Flags, Times
+from spoofbench.scoring import metrics
+from spoofbench.scoring.metrics import Flags, Times
 
 S = 1_000_000_000
 
@@ -62,9 +62,7 @@ def episodes_by_loop(run: Run) -> int:
 
 @given(runs())
 def test_episodes_agree_with_a_loop(run: Run) -> None:
-    assert measures.count_episodes(run.time_ns, run.alert, run.available, S) == episodes_by_loop(
-        run
-    )
+    assert metrics.count_episodes(run.time_ns, run.alert, run.available, S) == episodes_by_loop(run)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +83,7 @@ def test_where_episodes_begin_and_count_again(
 ) -> None:
     alert, available = np.zeros(200, bool), np.ones(200, bool)
     alert[list(alerts)], available[list(unavailable)] = True, False
-    assert measures.count_episodes(np.arange(200) * S, alert, available, S) == episodes
+    assert metrics.count_episodes(np.arange(200) * S, alert, available, S) == episodes
 
 
 @given(runs(), st.integers(1, 4))
@@ -95,12 +93,12 @@ def test_copies_have_as_many_times_the_episodes_at_the_same_rate(run: Run, copie
         np.tile(np.append(flags, ends), copies)
         for flags, ends in ((run.alert, quiet), (run.available, ~quiet))
     )
-    one = measures.false_alerts(
+    one = metrics.false_alerts(
         np.arange(run.alert.size + 10) * S,
         *(flags[: run.alert.size + 10] for flags in (alert, available)),
         S,
     )
-    many = measures.false_alerts(np.arange(alert.size) * S, alert, available, S)
+    many = metrics.false_alerts(np.arange(alert.size) * S, alert, available, S)
     assert many.episodes == copies * one.episodes
     assert many.hours == pytest.approx(copies * one.hours)
     assert many.per_hour == pytest.approx(one.per_hour)
@@ -112,7 +110,7 @@ def test_copies_have_as_many_times_the_episodes_at_the_same_rate(run: Run, copie
 
 @given(runs())
 def test_a_rate_lies_within_its_interval_and_says_what_it_can_resolve(run: Run) -> None:
-    false = measures.false_alerts(run.time_ns, run.alert, run.available, S)
+    false = metrics.false_alerts(run.time_ns, run.alert, run.available, S)
     if false.per_hour is None:
         assert not run.available.any()
         assert (
@@ -139,8 +137,8 @@ def test_one_more_alert_never_lowers_detection(
     more = run.alert.copy()
     more[data.draw(st.integers(0, more.size - 1))] = True
     for before, after in zip(
-        measures.detection_pct(run.alert, run.available, spoofed),
-        measures.detection_pct(more, run.available, spoofed),
+        metrics.detection_pct(run.alert, run.available, spoofed),
+        metrics.detection_pct(more, run.available, spoofed),
         strict=True,
     ):
         assert (before is None and after is None) or (
@@ -153,14 +151,14 @@ def test_detection_counts_epochs(run: Run, intervals: list[Interval]) -> None:
     spoofed = [any(i.start_ns <= t < i.end_ns for i in intervals) for t in run.time_ns.tolist()]
     hits = sum(s and a and u for s, a, u in zip(spoofed, run.alert, run.available, strict=True))
     usable = sum(s and u for s, u in zip(spoofed, run.available, strict=True))
-    over_all, over_available = measures.detection_pct(run.alert, run.available, np.array(spoofed))
+    over_all, over_available = metrics.detection_pct(run.alert, run.available, np.array(spoofed))
     assert over_all == (100 * hits / sum(spoofed) if any(spoofed) else None)
     assert over_available == (100 * hits / usable if usable else None)
 
 
 @given(runs(), attacks())
 def test_events_agree_with_a_loop(run: Run, intervals: list[Interval]) -> None:
-    found = measures.find_events(run.time_ns, run.alert, run.available, intervals)
+    found = metrics.find_events(run.time_ns, run.alert, run.available, intervals)
     assert len(found) == len(intervals)
     for interval, event in zip(intervals, found, strict=True):
         on, before, detection = False, False, None
@@ -172,14 +170,14 @@ def test_events_agree_with_a_loop(run: Run, intervals: list[Interval]) -> None:
             elif time < interval.end_ns and alert and not on and detection is None:
                 detection = time
             on = alert
-        assert event == measures.Event(interval, bool(before), detection)
+        assert event == metrics.Event(interval, bool(before), detection)
         assert event.observed_s <= interval.duration_s
         assert event.detected == (event.ttfd_s is not None)
 
 
 def test_time_to_detection_uses_the_times_of_the_decisions() -> None:
     times = np.array([0, 900_000_000, 2_250_000_000], np.int64)
-    (event,) = measures.find_events(
+    (event,) = metrics.find_events(
         times, np.array([False, False, True]), np.ones(3, bool), [Interval(S, 3 * S)]
     )
     assert event.ttfd_s == 1.25
@@ -187,11 +185,11 @@ def test_time_to_detection_uses_the_times_of_the_decisions() -> None:
 
 def test_position_errors() -> None:
     time_ns, error_m = np.arange(5) * S, np.array([0.0, 10.0, np.nan, 40.0, 20.0])
-    assert measures.error_at(time_ns, error_m, S + 999) == 10.0
-    assert measures.error_at(time_ns, error_m, 2 * S) is None
-    assert measures.error_at(time_ns, error_m, -1) is None
-    assert measures.largest_error(error_m, np.array([True, True, True, False, True])) == 20.0
-    assert measures.largest_error(error_m, np.array([False, False, True, False, False])) is None
+    assert metrics.error_at(time_ns, error_m, S + 999) == 10.0
+    assert metrics.error_at(time_ns, error_m, 2 * S) is None
+    assert metrics.error_at(time_ns, error_m, -1) is None
+    assert metrics.largest_error(error_m, np.array([True, True, True, False, True])) == 20.0
+    assert metrics.largest_error(error_m, np.array([False, False, True, False, False])) is None
 
 
 @given(
@@ -208,7 +206,7 @@ def test_hours_are_those_of_the_clock_at_any_rate(rates: list[tuple[int, int]], 
         for step, known in zip(np.diff(time_ns, prepend=time_ns[:1] - S), counted, strict=True)
         if known
     )
-    false = measures.false_alerts(time_ns, np.zeros(time_ns.size, bool), counted, S)
+    false = metrics.false_alerts(time_ns, np.zeros(time_ns.size, bool), counted, S)
     assert false.hours == pytest.approx(spent_ns / 3.6e12)
 
 
@@ -219,7 +217,7 @@ def test_a_denser_stretch_without_detector_does_not_join_episodes() -> None:
     alert, counted = np.zeros(300, bool), np.ones(300, bool)
     counted[100:200] = False
     alert[[80, 210]] = True
-    assert measures.count_episodes(time_ns, alert, counted, S) == 2
+    assert metrics.count_episodes(time_ns, alert, counted, S) == 2
 
 
 @given(
@@ -238,4 +236,4 @@ def test_what_was_raised_since_the_epoch_before(decisions: list[tuple[int, bool]
         any(on and before < t <= now for t, on in decisions)
         for before, now in zip([5, 5, 15, 16], epochs, strict=True)
     ]
-    assert measures.raised_since(epochs, at, alert).tolist() == expected
+    assert metrics.raised_since(epochs, at, alert).tolist() == expected

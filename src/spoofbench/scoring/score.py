@@ -26,9 +26,8 @@ from spoofbench.results import (
     read_truth,
     write_parquet,
 )
-from spoofbench.scoring.estimates import partial_auc, roc
 from spoofbench.scoring.grid import release_guard, score_on_grid, within
-from spoofbench.scoring.measures import (
+from spoofbench.scoring.metrics import (
     Event,
     detection_pct,
     error_at,
@@ -38,6 +37,7 @@ from spoofbench.scoring.measures import (
     raised_since,
     share,
 )
+from spoofbench.scoring.statistics import partial_auc, roc
 
 P_FA_LIMIT = 0.01
 """Largest P_FA per epoch that the partial area under the ROC curve looks at."""

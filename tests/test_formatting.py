@@ -2,7 +2,17 @@
 
 import pytest
 
-from spoofbench.report.text import between, counted, percent, printable, rate, seconds
+from spoofbench.formatting import (
+    between,
+    byte_size,
+    counted,
+    date_time,
+    hours_minutes_seconds,
+    percent,
+    printable,
+    rate,
+    seconds,
+)
 
 
 @pytest.mark.parametrize("form", [rate, percent, seconds])
@@ -45,3 +55,35 @@ def test_plurals():
 
 def test_control_characters_do_not_reach_a_terminal():
     assert printable("a\x1b[31mb\x07") == "a\N{REPLACEMENT CHARACTER}[31mb\N{REPLACEMENT CHARACTER}"
+
+
+@pytest.mark.parametrize(
+    ("duration_s", "text"),
+    [
+        (0.4, "0 min 00 s"),
+        (187, "3 min 07 s"),
+        (3599.6, "1 h 00 min 00 s"),
+        (93784, "26 h 03 min 04 s"),
+    ],
+)
+def test_durations(duration_s, text):
+    assert hours_minutes_seconds(duration_s) == text
+
+
+@pytest.mark.parametrize(
+    ("time_ns", "text"),
+    [
+        (1_700_000_000_999_999_999, "2023-11-14 22:13:20"),
+        (-1, "1969-12-31 23:59:59"),
+        (2**63 - 1, "2262-04-11 23:47:16"),
+    ],
+)
+def test_times_are_dates(time_ns, text):
+    assert date_time(time_ns) == text
+
+
+@pytest.mark.parametrize(
+    ("size", "text"), [(17, "17 bytes"), (4200, "4.2 kB"), (1_354_000_000, "1.35 GB")]
+)
+def test_sizes_have_three_figures(size, text):
+    assert byte_size(size) == text

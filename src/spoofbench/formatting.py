@@ -1,6 +1,8 @@
-"""Numbers as text: the same in the terminal, in Markdown and on the page. Null is a dash, never
-0.
+"""Numbers, times and foreign text as people read them: the same in the terminal, in Markdown and on
+the page. Unknown is a dash, never 0.
 """
+
+from datetime import UTC, datetime, timedelta
 
 NONE = "-"
 
@@ -42,6 +44,32 @@ def seconds(value: float | None) -> str:
     if value is None:
         return NONE
     return f"{value:.1f}" if value < 99.95 else f"{value:,.0f}"
+
+
+def hours_minutes_seconds(duration_s: float) -> str:
+    """Return ``3 min 07 s``, ``1 h 02 min 03 s``."""
+    minutes, whole_s = divmod(round(duration_s), 60)
+    hours, minutes = divmod(minutes, 60)
+    return (
+        f"{hours} h {minutes:02d} min {whole_s:02d} s"
+        if hours
+        else f"{minutes} min {whole_s:02d} s"
+    )
+
+
+def date_time(time_ns: int) -> str:
+    """Return a time in nanoseconds since 1970 as ``2026-03-08 12:59:30``, fractions cut off."""
+    moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=time_ns // 1000)
+    return f"{moment:%Y-%m-%d %H:%M:%S}"
+
+
+def byte_size(size: float) -> str:
+    """Return a number of bytes with three figures: ``17 bytes``, ``4.2 kB``, ``1.35 GB``."""
+    for unit in ("bytes", "kB", "MB"):
+        if size < 1000:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:,.3g} GB"
 
 
 def between(low: str, high: str) -> str:

@@ -10,9 +10,9 @@ from typing import Any
 
 from spoofbench.errors import ResultsError
 from spoofbench.results import FAILURES, Task, read_rows, read_run, read_tasks
-from spoofbench.scoring.estimates import Survival, proportion, session_interval, survival
-from spoofbench.scoring.folder import EVENT_SCHEMA, SCORE_SCHEMA
-from spoofbench.scoring.measures import false_alert_rate
+from spoofbench.scoring.metrics import false_alert_rate
+from spoofbench.scoring.score import EVENT_SCHEMA, SCORE_SCHEMA
+from spoofbench.scoring.statistics import Survival, proportion, session_interval, survival
 
 BASELINES = "spoofbench-baselines"
 """The distribution whose detectors are rows of chance."""

@@ -6,12 +6,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
 
-from spoofbench.scoring import estimates
+from spoofbench.scoring import statistics
 
 
 @given(st.integers(0, 500), st.floats(0.01, 1000))
 def test_garwood_ends_are_where_the_tails_hold_a_fortieth(count: int, hours: float) -> None:
-    rate = estimates.poisson_rate(count, hours)
+    rate = statistics.poisson_rate(count, hours)
     assert rate is not None
     assert rate.value == count / hours
     assert stats.poisson.cdf(count, rate.hi * hours) == pytest.approx(0.025, rel=1e-6)
@@ -25,7 +25,7 @@ def test_garwood_ends_are_where_the_tails_hold_a_fortieth(count: int, hours: flo
 @given(st.integers(0, 60), st.integers(1, 60))
 def test_clopper_pearson_agrees_with_binomtest(count: int, trials: int) -> None:
     assume(count <= trials)
-    found = estimates.proportion(count, trials)
+    found = statistics.proportion(count, trials)
     assert found is not None
     expected = stats.binomtest(count, trials).proportion_ci(0.95, "exact")
     assert (found.lo, found.hi) == pytest.approx((expected.low, expected.high), abs=1e-9)
@@ -33,17 +33,17 @@ def test_clopper_pearson_agrees_with_binomtest(count: int, trials: int) -> None:
 
 def test_nothing_to_estimate_is_none() -> None:
     empty = np.empty(0)
-    assert estimates.poisson_rate(0, 0.0) is None
-    assert estimates.proportion(0, 0) is None
-    assert estimates.survival([], []) is None
-    assert estimates.roc(empty, np.ones(3)) is None
-    assert estimates.roc(np.full(3, np.nan), np.ones(3)) is None
-    assert estimates.roc(np.ones(3), empty) is None
+    assert statistics.poisson_rate(0, 0.0) is None
+    assert statistics.proportion(0, 0) is None
+    assert statistics.survival([], []) is None
+    assert statistics.roc(empty, np.ones(3)) is None
+    assert statistics.roc(np.full(3, np.nan), np.ones(3)) is None
+    assert statistics.roc(np.ones(3), empty) is None
 
 
 def test_kaplan_meier_by_hand() -> None:
     """Detections at 1, 2, 2 and 5 s; censored at 2 and 4 s: S = 5/6, 5/6 * 3/5 = 1/2, 0."""
-    curve = estimates.survival([1, 2, 2, 2, 4, 5], [True, True, True, False, False, True])
+    curve = statistics.survival([1, 2, 2, 2, 4, 5], [True, True, True, False, False, True])
     assert curve is not None
     assert curve.time_s.tolist() == [1, 2, 5]
     assert curve.undetected == pytest.approx([5 / 6, 1 / 2, 0])
@@ -54,7 +54,7 @@ def test_kaplan_meier_by_hand() -> None:
 
 
 def test_never_detected_has_no_quantile_and_the_whole_horizon() -> None:
-    curve = estimates.survival([60, 60], [False, False])
+    curve = statistics.survival([60, 60], [False, False])
     assert curve is not None
     assert curve.quantile_s(0.5) is None
     assert curve.restricted_mean_s(60) == 60
@@ -63,7 +63,7 @@ def test_never_detected_has_no_quantile_and_the_whole_horizon() -> None:
 @given(st.lists(st.tuples(st.integers(0, 20), st.booleans()), min_size=1, max_size=30))
 def test_kaplan_meier_agrees_with_scipy(observations: list[tuple[int, bool]]) -> None:
     times, flags = zip(*observations, strict=True)
-    curve = estimates.survival(times, flags)
+    curve = statistics.survival(times, flags)
     assert curve is not None
     data = stats.CensoredData(
         uncensored=[t for t, detected in observations if detected],
@@ -79,7 +79,7 @@ def test_kaplan_meier_agrees_with_scipy(observations: list[tuple[int, bool]]) ->
 def test_restricted_mean_is_the_plain_mean_where_all_attacks_are_equally_long(
     times: list[int],
 ) -> None:
-    curve = estimates.survival(times, [t < 60 for t in times])
+    curve = statistics.survival(times, [t < 60 for t in times])
     assert curve is not None
     assert curve.restricted_mean_s(60) == pytest.approx(np.mean(times))
     assert curve.restricted_mean_s(30) == pytest.approx(np.minimum(times, 30).mean())
@@ -94,7 +94,7 @@ SCORES = st.lists(
 def test_scaling_scores_and_threshold_together_changes_nothing(
     clean: np.ndarray, spoofed: np.ndarray, scale: float
 ) -> None:
-    curve, scaled = estimates.roc(clean, spoofed), estimates.roc(scale * clean, scale * spoofed)
+    curve, scaled = statistics.roc(clean, spoofed), statistics.roc(scale * clean, scale * spoofed)
     assert (curve is None) == (scaled is None)
     if curve is not None and scaled is not None:
         np.testing.assert_array_equal(curve, scaled)
@@ -102,7 +102,7 @@ def test_scaling_scores_and_threshold_together_changes_nothing(
 
 @given(SCORES, SCORES)
 def test_roc_agrees_with_a_loop_over_thresholds(clean: np.ndarray, spoofed: np.ndarray) -> None:
-    curve = estimates.roc(clean, spoofed)
+    curve = statistics.roc(clean, spoofed)
     if curve is None:
         assert np.isnan(clean).all()
         return
@@ -122,10 +122,10 @@ def test_whole_area_is_the_chance_that_a_spoofed_score_beats_a_clean_one(
 ) -> None:
     assume(not np.isnan(clean).any())
     assume(not np.isnan(spoofed).any())
-    curve = estimates.roc(clean, spoofed)
+    curve = statistics.roc(clean, spoofed)
     assert curve is not None
     wins = (spoofed[:, None] > clean).mean() + 0.5 * (spoofed[:, None] == clean).mean()
-    assert estimates.partial_auc(*curve, 1.0) == pytest.approx(wins)
+    assert statistics.partial_auc(*curve, 1.0) == pytest.approx(wins)
 
 
 def test_partial_area_of_perfect_blind_and_unavailable_detectors() -> None:
@@ -137,21 +137,21 @@ def test_partial_area_of_perfect_blind_and_unavailable_detectors() -> None:
         (high, low),
         (low, np.where(np.arange(200) % 2, high, np.nan)),
     ):
-        curve = estimates.roc(clean, spoofed)
+        curve = statistics.roc(clean, spoofed)
         assert curve is not None
-        areas.append(estimates.partial_auc(*curve, 0.01))
+        areas.append(statistics.partial_auc(*curve, 0.01))
     assert areas == pytest.approx([1, 0.005, 0, 0.5], abs=1e-12)
 
 
 def test_session_bootstrap() -> None:
     values = [0.0, 100.0] * 10
     sessions = [f"s{row // 4}" for row in range(20)]
-    assert estimates.session_interval(values[:16], sessions[:16]) is None
-    assert estimates.session_interval(values, sessions) == (50, 50), (
+    assert statistics.session_interval(values[:16], sessions[:16]) is None
+    assert statistics.session_interval(values, sessions) == (50, 50), (
         "every session has the same mean"
     )
-    spread = estimates.session_interval(values, [f"s{row % 10}" for row in range(20)])
-    assert spread == estimates.session_interval(values, [f"s{row % 10}" for row in range(20)]), (
+    spread = statistics.session_interval(values, [f"s{row % 10}" for row in range(20)])
+    assert spread == statistics.session_interval(values, [f"s{row % 10}" for row in range(20)]), (
         "seeded"
     )
     assert spread is not None
@@ -160,6 +160,6 @@ def test_session_bootstrap() -> None:
 
 @given(st.lists(st.floats(0, 100), min_size=5, max_size=12))
 def test_bootstrap_interval_lies_within_the_values(values: list[float]) -> None:
-    found = estimates.session_interval(values, [str(row) for row in range(len(values))])
+    found = statistics.session_interval(values, [str(row) for row in range(len(values))])
     assert found is not None
     assert min(values) - 1e-9 <= found[0] <= found[1] <= max(values) + 1e-9

@@ -8,7 +8,7 @@ from scipy import stats
 
 from spoofbench.errors import ResultsError
 from spoofbench.results import write_run, write_tasks
-from spoofbench.scoring.ranking import Leaderboard, leaderboard
+from spoofbench.scoring.leaderboard import Leaderboard, leaderboard
 
 
 def ranked(bench: Any) -> Leaderboard:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.recording import Interval
-from spoofbench.scoring.estimates import poisson_rate
+from spoofbench.scoring.statistics import poisson_rate
 
 Times = NDArray[np.int64]
 Flags = NDArray[np.bool_]
