@@ -54,6 +54,62 @@ def encode_words(values: Sequence[str | None] | Sequence[bytes | None]) -> Colum
     return Column(codes, None, tuple(words))
 
 
+def as_column(field: Field, given: ArrayLike | Column | Sequence[Any]) -> Column:
+    """Return what is given of a field as a column: values ``(n,)``, or for text and bytes a
+    sequence with None where absent.
+    """
+    if isinstance(given, Column):
+        return given
+    return (
+        encode_words(given)  # type: ignore[arg-type]
+        if field.category in ("text", "bytes")
+        else Column(np.asarray(given))
+    )
+
+
+def concat_columns(field: Field, columns: Sequence[Column | None], sizes: Sequence[int]) -> Column:
+    """Return columns of one field, one after the other.
+
+    Args:
+        field: of the schema.
+        columns: None where all rows of a part lack the field.
+        sizes: rows of each part, whose sum is that of the result.
+    """
+    if field.category in ("text", "bytes"):
+        words: dict[Any, int] = {}
+        codes = [
+            np.full(size, -1, np.int32) if column is None else _recoded(column, words)
+            for column, size in zip(columns, sizes, strict=True)
+        ]
+        return Column(np.concatenate(codes), None, tuple(words))
+    known = [column.values for column in columns if column is not None]
+    dtype = np.result_type(*known) if known else np.dtype(field.dtype)
+    absent = np.nan if dtype.kind == "f" else 0
+    values = np.concatenate(
+        [
+            np.full(size, absent, dtype) if column is None else column.values
+            for column, size in zip(columns, sizes, strict=True)
+        ]
+    )
+    if field.category == "float" or all(c is not None and c.valid is None for c in columns):
+        return Column(values)
+    valid = [
+        np.zeros(size, bool)
+        if column is None
+        else np.ones(size, bool)
+        if column.valid is None
+        else column.valid
+        for column, size in zip(columns, sizes, strict=True)
+    ]
+    return Column(values, np.concatenate(valid))
+
+
+def _recoded(column: Column, words: dict[Any, int]) -> NDArray[np.int32]:
+    """Return a column's codes as codes into ``words``, which takes up the words that it lacks."""
+    shared = [words.setdefault(word, len(words)) for word in column.words or ()]
+    return np.asarray(np.array([*shared, -1], np.int32)[column.values])
+
+
 class Table(Mapping[str, NDArray[Any]]):
     """Rows of one kind: ``time_ns`` and one read-only array per field that is present.
 
@@ -193,6 +249,27 @@ class Table(Mapping[str, NDArray[Any]]):
             raise RecordingError(f"field {name!r} of a {self.kind.name} table is not text")
         return [None if code < 0 else column.words[code] for code in column.values.tolist()]
 
+    @staticmethod
+    def concat(tables: Sequence["Table"]) -> "Table":
+        """Return the rows of tables of one kind, one after the other; what one lacks is absent
+        there.
+
+        Args:
+            tables: at least one; each must begin no earlier than the one before it ends.
+
+        Raises:
+            RecordingError: there is none, the kinds differ, or time would run backwards.
+        """
+        if len({table.kind.name for table in tables}) != 1:
+            raise RecordingError("only tables of one kind, at least one, can be concatenated")
+        kind, sizes = tables[0].kind, [len(table) for table in tables]
+        columns = {
+            name: concat_columns(field, [table._columns.get(name) for table in tables], sizes)
+            for name, field in kind.fields.items()
+            if any(name in table for table in tables)
+        }
+        return Table(kind.name, np.concatenate([table.time_ns for table in tables]), columns)
+
     def take(self, rows: Rows) -> "Table":
         """Return the rows that a slice, mask or index array selects; their order must stay that of
         time.
@@ -237,14 +314,14 @@ class Table(Mapping[str, NDArray[Any]]):
 
 def _column(field: Field, given: Any, rows: int) -> Column:
     if field.category in ("text", "bytes"):
-        column = given if isinstance(given, Column) else encode_words(given)
+        column = as_column(field, given)
         if column.words is None or not all(
             isinstance(word, str if field.category == "text" else bytes) for word in column.words
         ):
             raise RecordingError(f"field {field.name!r} must be {field.category}")
         column = _compact(column)
     else:
-        column = given if isinstance(given, Column) else Column(np.asarray(given))
+        column = as_column(field, given)
     dtype, values = np.dtype(field.dtype), column.values
     if values.shape != (rows,) or (column.valid is not None and column.valid.shape != (rows,)):
         raise RecordingError(

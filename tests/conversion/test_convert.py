@@ -186,7 +186,8 @@ def test_nobody_recognises_it(install: Any, log: Path, tmp_path: Path) -> None:
     install("broken", [], sniff=ZeroDivisionError("oops"))
     with pytest.raises(
         ConversionError,
-        match=r"no converter recognises 'some.log'; tried \['other'\]; converter 'broken' of fake 1 failed: oops",
+        match=r"no converter recognises 'some.log'; tried \['other'\]; "
+        "converter 'broken' of fake 1 failed: oops",
     ):
         convert(log, tmp_path / "out.mcap")
 
@@ -247,7 +248,8 @@ def test_a_converter_that_counts_bytes_accounts_for_each(
     install("fake", [rows(1, used=counted)], unit="bytes")
     with pytest.raises(
         PluginError,
-        match=rf"converter 'fake' of fake 1 accounts for {counted} bytes of 'some.log', which has 300",
+        match=rf"converter 'fake' of fake 1 accounts for {counted} bytes of 'some.log', which "
+        "has 300",
     ):
         convert(log, tmp_path / "wrong.mcap")
     assert not (tmp_path / "wrong.mcap").exists()

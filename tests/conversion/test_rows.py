@@ -1,13 +1,15 @@
 """Rows of a stream come out in the order of time, whatever the cuts; none is lost."""
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spoofbench.conversion import TimeSorter
+from spoofbench.conversion import Block, RowBatch, RowBuffer, TimeSorter
 from spoofbench.conversion.rows import join
+from spoofbench.table import Column, Table
 
 WINDOW_NS = 10
 
@@ -69,3 +71,89 @@ def test_join_takes_either_side_as_empty() -> None:
     assert join({}, rows) is rows
     assert join(rows, {}) is rows
     assert join(rows, rows)["time_ns"].tolist() == [1, 1]
+
+
+TOPIC = "/gnss0/gnss/signal"
+BATCHES = st.lists(
+    st.lists(
+        st.tuples(
+            st.integers(0, 200),
+            st.one_of(st.none(), st.integers(1, 40)),
+            st.one_of(st.none(), st.floats(0, 60, width=32)),
+            st.one_of(st.none(), st.sampled_from(["1C", "5Q", "2L"])),
+        ),
+        max_size=8,
+    ),
+    max_size=5,
+)
+
+
+def batch(rows: list[tuple[Any, ...]], first: int, without: set[str]) -> RowBatch:
+    """Rows of signals; fields of ``without`` are left out and so absent."""
+    times, numbers, strengths, signals = zip(*rows, strict=True) if rows else ((), (), (), ())
+    columns: dict[str, Any] = {
+        "svid": Column(
+            np.array([number or 0 for number in numbers], np.uint32),
+            np.array([number is not None for number in numbers], bool),
+        ),
+        "cn0_dbhz": np.array([np.nan if x is None else x for x in strengths], float),
+        "signal": list(signals),
+    }
+    kept = {name: column for name, column in columns.items() if name not in without}
+    count = len(rows)
+    return RowBatch.of(
+        "gnss/signal",
+        np.array(times, np.int64),
+        kept,
+        np.arange(first, first + count),
+        np.ones(count, np.int64),
+    )
+
+
+def seen(table: Table) -> list[tuple[Any, ...]]:
+    """The rows of a table, None where absent."""
+    numbers = [
+        number if there else None
+        for number, there in zip(table["svid"].tolist(), table.valid("svid").tolist(), strict=True)
+    ]
+    strengths = [None if x != x else x for x in table["cn0_dbhz"].tolist()]
+    return list(zip(table.time_ns.tolist(), numbers, strengths, table.words("signal"), strict=True))
+
+
+@given(BATCHES, st.sets(st.sampled_from(["svid", "cn0_dbhz", "signal"])), st.data())
+def test_a_buffer_gives_every_row_once_with_its_values(
+    batches: list[list[tuple[Any, ...]]], without: set[str], data: st.DataObject
+) -> None:
+    buffer = RowBuffer(TOPIC, WINDOW_NS)
+    given_rows, items = [], []
+    for rows in batches:
+        left_out = without if data.draw(st.booleans()) else set()
+        items += buffer.push(batch(rows, len(given_rows), left_out))
+        blanks = [None if name in left_out else ... for name in ("svid", "cn0_dbhz", "signal")]
+        given_rows += [
+            (
+                row[0],
+                *(v if blank is ... else None for v, blank in zip(row[1:], blanks, strict=True)),
+            )
+            for row in rows
+        ]
+    items += buffer.flush()
+    tables = [item.table for item in items if isinstance(item, Block)]
+    rejected = [o for item in items if not isinstance(item, Block) for o in item.offsets.tolist()]
+    whole = seen(Table.concat(tables)) if tables else []
+    assert sum(item.used for item in items if isinstance(item, Block)) == len(whole)
+    assert [row[0] for row in whole] == sorted(row[0] for row in whole)
+    kept = [row for number, row in enumerate(given_rows) if number not in rejected]
+    assert sorted(whole, key=str) == sorted(kept, key=str)
+    assert len(whole) + len(rejected) == len(given_rows)
+
+
+def test_texts_that_are_gone_are_forgotten() -> None:
+    buffer = RowBuffer(TOPIC, WINDOW_NS)
+    for number in range(3000):
+        rows = batch([(100 * number, 1, 1.0, None)], number, {"signal"})
+        columns = {**rows.columns, "signal": Column(np.zeros(1, np.int32), None, (f"{number}",))}
+        named = RowBatch(rows.kind, rows.time_ns, columns, rows.offset, rows.units)
+        (*_,) = buffer.push(named)
+    held = buffer.sort(batch([], 3000, set()))[0]
+    assert len(held.columns["signal"].words or ()) < 2000

@@ -10,10 +10,11 @@ from spoofbench.conversion.contract import (
     Rejects,
     SizeHint,
     SourceMetadata,
+    Used,
 )
 from spoofbench.conversion.convert import NotRecognised, convert, detect_format
 from spoofbench.conversion.ledger import Ledger
-from spoofbench.conversion.rows import Columns, TimeSorter
+from spoofbench.conversion.rows import Columns, RowBatch, RowBuffer, TimeSorter
 from spoofbench.conversion.sources import Member, Source
 
 __all__ = [
@@ -28,10 +29,13 @@ __all__ = [
     "Options",
     "Reject",
     "Rejects",
+    "RowBatch",
+    "RowBuffer",
     "SizeHint",
     "Source",
     "SourceMetadata",
     "TimeSorter",
+    "Used",
     "convert",
     "detect_format",
 ]

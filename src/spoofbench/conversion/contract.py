@@ -50,6 +50,13 @@ class Rejects:
 
 
 @dataclass(frozen=True, slots=True)
+class Used:
+    """Units of the source that told something, but belong to no block: headers, clocks, names."""
+
+    units: int
+
+
+@dataclass(frozen=True, slots=True)
 class SizeHint:
     """How many units the source holds, as far as the converter knows beforehand: for progress
     alone.
@@ -67,7 +74,7 @@ class SourceMetadata:
     metadata: Mapping[str, Mapping[str, str]]
 
 
-Item = Block | Reject | Rejects | SourceMetadata | SizeHint
+Item = Block | Used | Reject | Rejects | SourceMetadata | SizeHint
 
 
 class Options(Protocol):

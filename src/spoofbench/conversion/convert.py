@@ -1,4 +1,4 @@
-"""From a raw log to a recording: detect_format, stream, account, write."""
+"""From a raw log to a recording: detect the format, stream, account, write."""
 
 import hashlib
 import json
@@ -22,6 +22,7 @@ from spoofbench.conversion.contract import (
     Rejects,
     SizeHint,
     SourceMetadata,
+    Used,
 )
 from spoofbench.conversion.ledger import Ledger
 from spoofbench.conversion.options import make_options
@@ -181,6 +182,8 @@ class _Run:
                     self._facts.setdefault(name, {}).update(record)
             elif isinstance(item, Reject | Rejects):
                 self._reject(item)
+            elif isinstance(item, Used):
+                self.ledger.enter(item)
             else:
                 block = self._forwards(item)
                 self.ledger.enter(block)
@@ -287,8 +290,7 @@ def _items(plugin: Plugin, converter: Converter, log: Source, options: Any) -> I
             ) from error
         if not isinstance(item, Item):
             raise PluginError(
-                f"{plugin} must yield blocks, rejects, facts or an extent, not "
-                f"{type(item).__name__}"
+                f"{plugin} must yield items of spoofbench.conversion, not {type(item).__name__}"
             )
         yield item
 

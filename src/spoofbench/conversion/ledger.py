@@ -8,7 +8,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from spoofbench.conversion.contract import Block, Reject, Rejects
+from spoofbench.conversion.contract import Block, Reject, Rejects, Used
 
 DETAILED_REJECTS = 10_000
 
@@ -36,8 +36,11 @@ class Ledger:
         """Units that gave no rows."""
         return self.reasons.total()
 
-    def enter(self, item: Block | Reject | Rejects) -> None:
+    def enter(self, item: Block | Used | Reject | Rejects) -> None:
         """Account for one part of the source."""
+        if isinstance(item, Used):
+            self.used += item.units
+            return
         if isinstance(item, Block):
             self.used += item.used
             if len(item.table):

@@ -1,15 +1,191 @@
-"""Rows into the order of time, as they stream by."""
+"""Rows on their way from a log to the blocks of a recording.
 
-from collections.abc import Mapping
-from typing import Any
+A decoder makes batches: rows of one kind as the log has them. One :class:`RowBuffer` per topic puts
+them in the order of time, however they come cut, and gives blocks and rejects. Absent is absent in
+the one notation of :class:`~spoofbench.table.Table`: NaN in floats, a mask for other numbers, -1 in
+the codes of text.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from spoofbench.conversion.contract import Block, Rejects
+from spoofbench.schema import KINDS, Kind, split_topic
+from spoofbench.table import Column, Rows, Table, as_column, concat_columns
 
 Columns = dict[str, NDArray[Any]]
 """Arrays ``(n, ...)`` of equal length by name, among them ``time_ns``, int64."""
 
 SECOND_NS = 1_000_000_000
+
+
+_MAX_IDLE_CATEGORIES = 1000
+"""So many texts are remembered that no held row uses any more."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RowBatch:
+    """Rows of one kind in any order, and where in the source they lie.
+
+    Attributes:
+        kind: of the schema.
+        time_ns: int64 ``(n,)``.
+        columns: by field; a field that is not there is absent in every row.
+        offset: int64 ``(n,)``: where each row begins in the source, in its units.
+        units: int64 ``(n,)``: how many units each row takes; 0 where others account for them.
+    """
+
+    kind: Kind
+    time_ns: NDArray[np.int64]
+    columns: Mapping[str, Column]
+    offset: NDArray[np.int64]
+    units: NDArray[np.int64]
+
+    @classmethod
+    def of(
+        cls,
+        kind: str,
+        time_ns: NDArray[np.int64],
+        columns: Mapping[str, ArrayLike | Column | Sequence[Any]],
+        offset: NDArray[np.int64],
+        units: NDArray[np.int64],
+    ) -> Self:
+        """Return rows whose columns are given as to :class:`~spoofbench.table.Table`."""
+        fields = KINDS[kind].fields
+        made = {name: as_column(fields[name], given) for name, given in columns.items()}
+        return cls(KINDS[kind], time_ns, made, offset, units)
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return self.time_ns.size
+
+    def take(self, rows: Rows) -> "RowBatch":
+        """Return the rows that a slice, mask or index array selects."""
+        columns = {
+            name: Column(c.values[rows], None if c.valid is None else c.valid[rows], c.words)
+            for name, c in self.columns.items()
+        }
+        return RowBatch(self.kind, self.time_ns[rows], columns, self.offset[rows], self.units[rows])
+
+    @staticmethod
+    def concat(batches: Sequence["RowBatch"]) -> "RowBatch":
+        """Return the rows of batches of one kind, at least one, one after the other."""
+        if len(batches) == 1:
+            return batches[0]
+        kind, sizes = batches[0].kind, [len(batch) for batch in batches]
+        names = {name for batch in batches for name in batch.columns}
+        columns = {
+            name: concat_columns(
+                kind.fields[name], [batch.columns.get(name) for batch in batches], sizes
+            )
+            for name in names
+        }
+        time_ns, offset, units = (
+            np.concatenate([getattr(batch, name) for batch in batches])
+            for name in ("time_ns", "offset", "units")
+        )
+        return RowBatch(kind, time_ns, columns, offset, units)
+
+    def block(self, topic: str) -> Block:
+        """Return the rows, which must be in the order of time, as a block of a topic."""
+        table = Table(self.kind.name, self.time_ns, self.columns)
+        return Block(topic, table, int(self.units.sum()))
+
+    def rejects(self, reason: str) -> Rejects:
+        """Return the rows as rejects."""
+        return Rejects(self.offset, self.units, reason)
+
+
+class RowBuffer:
+    """The rows of one topic, put in the order of time by a :class:`TimeSorter`.
+
+    Only times are sorted; the columns wait in the order of the log and are picked when their turn
+    has come.
+
+    Args:
+        topic: of a recording.
+        window_ns: how far behind the latest row one may stand.
+    """
+
+    def __init__(self, topic: str, window_ns: int = SECOND_NS) -> None:
+        self.topic = topic
+        kind, nothing = KINDS[split_topic(topic)[1]], np.empty(0, np.int64)
+        self._sorter = TimeSorter(window_ns)
+        self._held = RowBatch(kind, nothing, {}, nothing, nothing)
+        self._gone = np.empty(0, bool)  # which of the held rows have been given already
+        self._first = 0  # running number of the first held row
+
+    def push(self, rows: RowBatch) -> Iterator[Block | Rejects]:
+        """Take the next rows of the log; yield what is ready and what came too late."""
+        yield from self._given(*self.sort(rows))
+
+    def flush(self) -> Iterator[Block | Rejects]:
+        """Yield what is still held."""
+        yield from self._given(*self.rest())
+
+    def sort(self, rows: RowBatch) -> tuple[RowBatch, RowBatch]:
+        """Take the next rows; return those that are ready, in the order of time, and those that
+        are refused.
+        """
+        first = self._first + len(self._held)
+        self._held = RowBatch.concat([self._held, rows]) if len(self._held) else rows
+        self._gone = np.concatenate([self._gone, np.zeros(len(rows), bool)])
+        numbered = {"time_ns": rows.time_ns, "number": np.arange(first, first + len(rows))}
+        return self._taken(*self._sorter.push(numbered))
+
+    def rest(self) -> tuple[RowBatch, RowBatch]:
+        """Return the rows still held, as ``(ready, refused)``."""
+        return self._taken(*self._sorter.flush())
+
+    def _given(self, ready: RowBatch, refused: RowBatch) -> Iterator[Block | Rejects]:
+        if len(ready):
+            yield ready.block(self.topic)
+        if len(refused):
+            yield refused.rejects(f"time runs backwards in {self.topic}")
+
+    def _taken(self, ready: Columns, refused: Columns) -> tuple[RowBatch, RowBatch]:
+        """Return the rows of these numbers, and let go of all before the first that is held."""
+        taken = []
+        for numbered in (ready, refused):
+            index = numbered.get("number", np.empty(0, np.int64)) - self._first
+            self._gone[index] = True
+            taken.append(self._held.take(_contiguous(index)))
+        held = len(self._held)
+        count = held if self._gone.all() else int(np.argmin(self._gone))
+        if count:
+            self._held = _without_idle_categories(self._held.take(slice(count, None)))
+            self._gone = self._gone[count:]
+            self._first += count
+        return taken[0], taken[1]
+
+
+def _contiguous(index: NDArray[np.int64]) -> slice | NDArray[np.int64]:
+    """Return row numbers as a slice if they are neighbours: a view costs nothing."""
+    if not index.size:
+        return slice(0, 0)
+    first = int(index[0])
+    neighbours = int(index[-1]) - first == index.size - 1 and bool(np.all(np.diff(index) > 0))
+    return slice(first, first + index.size) if neighbours else index
+
+
+def _without_idle_categories(rows: RowBatch) -> RowBatch:
+    """Drop the texts that no row uses, where there are many: a stream may never end."""
+    limit = _MAX_IDLE_CATEGORIES + len(rows)
+    large = {name: c for name, c in rows.columns.items() if c.words and len(c.words) > limit}
+    if not large:
+        return rows
+    columns = dict(rows.columns)
+    for name, column in large.items():
+        codes, inverse = np.unique(column.values, return_inverse=True)
+        known: Any = column.words
+        used = tuple(known[code] for code in codes[codes >= 0].tolist())
+        renumbered = (inverse - np.count_nonzero(codes < 0)).astype(np.int32)
+        columns[name] = Column(renumbered, None, used)
+    return RowBatch(rows.kind, rows.time_ns, columns, rows.offset, rows.units)
 
 
 class TimeSorter:
@@ -42,7 +218,7 @@ class TimeSorter:
 
     def flush(self) -> tuple[Columns, Columns]:
         """Return the rows still held, as ``(ready, refused)``."""
-        if not self._undecided:
+        if not self._undecided or not self._undecided["time_ns"].size:
             return {}, {}
         ready, refused = self._accept(
             self._undecided, np.zeros(self._undecided["time_ns"].size, bool)

@@ -24,6 +24,7 @@ from spoofbench.conversion import (
     SizeHint,
     Source,
     SourceMetadata,
+    Used,
 )
 from spoofbench.errors import RecordingError, SpoofbenchError
 from spoofbench.recording import Recording
@@ -219,6 +220,8 @@ class _Gathered:
     def add(self, item: Item) -> None:
         if isinstance(item, Block):
             self._add_rows(item)
+        elif isinstance(item, Used):
+            self.used += item.units
         elif isinstance(item, Reject):
             self.runs.append((int(item.offset), int(item.length), item.reason))
         elif isinstance(item, Rejects):
@@ -231,8 +234,8 @@ class _Gathered:
                 self.facts.setdefault(name, {}).update(record)
         elif not isinstance(item, SizeHint):
             raise CheckFailed(
-                "convert() must yield blocks, rejects, facts or an extent, not "
-                f"{type(item).__name__}"
+                "convert() must yield items of spoofbench.conversion: Block, Used, Reject, Rejects, "
+                f"SourceMetadata or SizeHint, not {type(item).__name__}"
             )
 
     def _add_rows(self, block: Block) -> None:
