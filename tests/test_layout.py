@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from spoofbench.codec.protobuf import LOCATION_SUFFIX
+from spoofbench.codec.channels import LOCATION_SUFFIX
 from spoofbench.schema import KINDS, split_topic
 
 LAYOUT = Path(__file__).parent.parent / "schemas" / "foxglove-layout.json"

@@ -27,7 +27,7 @@ from mcap_protobuf.writer import Writer as PairWriter
 from benchmarks.speed.frame import Job
 from benchmarks.speed.mcap_rows import imu_rows, write_awkward
 from spoofbench.codec import Compression, read, validate, write
-from spoofbench.codec.protobuf import descriptor_set
+from spoofbench.codec.channels import descriptor_set
 from spoofbench.recording import Recording
 from spoofbench.schema import KINDS
 from spoofbench.schema.v1.imu_pb2 import Imu

@@ -23,7 +23,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header, MessageIndex, Metadata, Schema
 
 from spoofbench.codec import Limits, Writer, read, validate, write
-from spoofbench.codec.protobuf import descriptor_set
+from spoofbench.codec.channels import descriptor_set
 from spoofbench.errors import FormatError, LimitError, SpoofbenchError
 from spoofbench.recording import Recording
 from spoofbench.schema import KINDS
@@ -38,7 +38,7 @@ def small(drive: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, R
     recording = drive(60)
     path = tmp_path_factory.mktemp("small") / "a.mcap"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("spoofbench.codec.writing.CHUNK_BYTES", 100_000)
+        patch.setattr("spoofbench.codec.writer.CHUNK_BYTES", 100_000)
         write(recording, path)
     return path, recording
 

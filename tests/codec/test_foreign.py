@@ -23,7 +23,7 @@ from mcap.writer import CompressionType, IndexType
 from mcap_protobuf.schema import register_schema
 
 from spoofbench.codec import read, validate
-from spoofbench.codec.protobuf import descriptor_set
+from spoofbench.codec.channels import descriptor_set
 from spoofbench.recording import Recording
 from spoofbench.schema import KINDS
 from spoofbench.table import Table

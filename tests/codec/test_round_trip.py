@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from spoofbench.codec import Writer, read, validate, write
-from spoofbench.codec.packing import TableRows
+from spoofbench.codec.encode import TableEncoder
 from spoofbench.errors import RecordingError
 from spoofbench.recording import Recording
 from spoofbench.schema import KINDS
@@ -217,6 +217,6 @@ def test_rows_of_one_shape_take_one_layout_and_masks_take_few() -> None:
     dense = Table(
         "imu", np.arange(rows), {name: np.ones(rows) for name in list(KINDS["imu"].fields)[:7]}
     )
-    assert np.unique(TableRows(1, dense).sizes).size == 1
+    assert np.unique(TableEncoder(1, dense).sizes).size == 1
     halved = dense.replace(receive_time_ns=Column(np.arange(rows), np.arange(rows) % 2 == 0))
-    assert np.unique(TableRows(1, halved).sizes).tolist() == [31 + 63, 31 + 72]
+    assert np.unique(TableEncoder(1, halved).sizes).tolist() == [31 + 63, 31 + 72]

@@ -7,6 +7,7 @@ that are verified.
 
 import mmap
 import struct
+import threading
 import zlib
 from array import array
 from collections.abc import Iterator, Sequence
@@ -15,13 +16,14 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
 import numpy as np
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from spoofbench.codec.compression import decompress
 from spoofbench.errors import FormatError, LimitError
 
 RECORD = struct.Struct("<BQ")
@@ -46,6 +48,9 @@ INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
 _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8")])
 _CHUNK = struct.Struct("<QQQII")
 _REPEATS = 8
+
+_thread = threading.local()
+"""Holds a zstd context for each thread."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +89,7 @@ class Chunk:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Messages:
+class MessageRecords:
     """Message records within a buffer: where each starts, how long it is with its head, and its
     channel, ``(n,)`` each.
     """
@@ -94,12 +99,21 @@ class Messages:
     sizes: NDArray[np.int64]
     channels: NDArray[np.uint16]
 
+    def by_channel(self) -> Iterator[tuple[int, "MessageRecords"]]:
+        """Yield each channel's messages, in file order."""
+        for channel, rows in group_by_value(self.channels):
+            if rows is None:
+                yield channel, self
+            else:
+                part = self.starts[rows], self.sizes[rows], self.channels[rows]
+                yield channel, MessageRecords(self.buffer, *part)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Contents:
+class ChunkContents:
     """What is in a chunk: its messages, and where its other records start in their buffer."""
 
-    messages: Messages
+    messages: MessageRecords
     others: NDArray[np.int64]
 
 
@@ -149,9 +163,9 @@ def _repeats(buffer: NDArray[np.uint8], at: int, last: int, head: tuple[int, int
     """Count the records from ``at`` on that have this opcode and length."""
     opcode, length = head
     size = RECORD.size + length
-    most, count, step = (last - at) // size, 0, 64
-    while count < most:
-        step = min(step, most - count)
+    limit, count, step = (last - at) // size, 0, 64
+    while count < limit:
+        step = min(step, limit - count)
         block: NDArray[Any] = np.ndarray(step, _HEAD, buffer.data, at + count * size, (size,))
         same = (block["opcode"] == opcode) & (block["length"] == length)
         if not same.all():
@@ -169,8 +183,8 @@ def gather(buffer: NDArray[np.uint8], dtype: Any, starts: NDArray[np.int64]) -> 
     return every[starts]
 
 
-def groups(values: NDArray[Any]) -> Iterator[tuple[int, NDArray[np.intp] | None]]:
-    """Part indices by value, each part ascending; None where all values are the same."""
+def group_by_value(values: NDArray[Any]) -> Iterator[tuple[int, NDArray[np.intp] | None]]:
+    """Yield each value and its indices, ascending; None where all values are the same."""
     if not values.size:
         return
     if np.all(values == values[0]):
@@ -182,7 +196,7 @@ def groups(values: NDArray[Any]) -> Iterator[tuple[int, NDArray[np.intp] | None]
         yield int(values[rows[0]]), rows
 
 
-def messages_at(buffer: NDArray[np.uint8], starts: NDArray[np.int64], where: str) -> Messages:
+def messages_at(buffer: NDArray[np.uint8], starts: NDArray[np.int64], where: str) -> MessageRecords:
     """Return the message records that start at these offsets.
 
     Raises:
@@ -193,7 +207,7 @@ def messages_at(buffer: NDArray[np.uint8], starts: NDArray[np.int64], where: str
         raise FormatError(
             f"{where} holds a message record of {int(sizes.min())!r} bytes, too short for its head"
         )
-    return Messages(buffer, starts, sizes, gather(buffer, "<u2", starts + RECORD.size))
+    return MessageRecords(buffer, starts, sizes, gather(buffer, "<u2", starts + RECORD.size))
 
 
 def parse_chunk(buffer: NDArray[np.uint8], offset: int, limits: Limits) -> Chunk:
@@ -222,7 +236,7 @@ def parse_chunk(buffer: NDArray[np.uint8], offset: int, limits: Limits) -> Chunk
         )
     if size > limits.chunk_bytes:
         raise LimitError(
-            f"the chunk at byte {offset} declares {size!r} bytes where at most "
+            f"the chunk at byte {offset} declares {size!r} bytes where at limit "
             f"{limits.chunk_bytes} are allowed"
         )
     return Chunk(offset, start_ns, end_ns, size, crc, name, slice(data, data + data_length))
@@ -244,9 +258,48 @@ def unpack(buffer: NDArray[np.uint8], chunk: Chunk) -> NDArray[np.uint8]:
     return records
 
 
+def decompress(
+    data: NDArray[np.uint8], compression: str, size: int, where: str
+) -> NDArray[np.uint8]:
+    """Return what data unpack to; no more than the declared size is ever allocated.
+
+    Raises:
+        FormatError: they do not unpack, or to more than that, or the compression is unknown.
+    """
+    if compression == "":
+        return data
+    if not size:
+        return np.empty(0, np.uint8)
+    try:
+        if compression == "zstd":
+            return _from_zstd(data, size, where)
+        if compression == "lz4":
+            return _from_lz4(data, size, where)
+    except (zstandard.ZstdError, RuntimeError) as error:
+        raise FormatError(f"{where} does not unpack: {error}") from error
+    raise FormatError(f"{where} is compressed by {compression!r}; zstd, lz4 and none can be read")
+
+
+def _from_zstd(data: NDArray[np.uint8], size: int, where: str) -> NDArray[np.uint8]:
+    declared = zstandard.frame_content_size(data.data)
+    if declared not in (-1, size):
+        raise FormatError(f"{where} declares {size!r} bytes but its zstd frame {declared!r}")
+    if not hasattr(_thread, "zstd"):
+        _thread.zstd = zstandard.ZstdDecompressor()
+    return np.frombuffer(_thread.zstd.decompress(data, max_output_size=size), np.uint8)
+
+
+def _from_lz4(data: NDArray[np.uint8], size: int, where: str) -> NDArray[np.uint8]:
+    unpacker = lz4.frame.LZ4FrameDecompressor()
+    records = unpacker.decompress(bytes(data), max_length=size)
+    if not unpacker.eof and unpacker.decompress(b"", max_length=1):
+        raise FormatError(f"{where} unpacks to more than the {size!r} bytes that it declares")
+    return np.frombuffer(records, np.uint8)
+
+
 def chunk_contents(
     buffer: NDArray[np.uint8], chunk: Chunk, indexes: Sequence[slice] = ()
-) -> Contents:
+) -> ChunkContents:
     """Return what is in a chunk.
 
     Args:
@@ -262,12 +315,12 @@ def chunk_contents(
     where = f"the chunk at byte {chunk.offset}"
     starts = _indexed_starts(buffer, records, indexes)
     if starts is not None:
-        return Contents(messages_at(records, starts, where), np.empty(0, np.int64))
+        return ChunkContents(messages_at(records, starts, where), np.empty(0, np.int64))
     starts, end = record_starts(records, 0, records.size)
     if end != records.size:
         raise FormatError(f"{where} holds a record at its byte {end} that does not end within it")
     is_message = records[starts] == Opcode.MESSAGE
-    return Contents(messages_at(records, starts[is_message], where), starts[~is_message])
+    return ChunkContents(messages_at(records, starts[is_message], where), starts[~is_message])
 
 
 def _indexed_starts(
@@ -290,7 +343,7 @@ def _indexed_starts(
     return starts if np.array_equal(lengths, (ends - starts).astype(np.uint64)) else None
 
 
-class _Exact(ReadDataStream):
+class _ExactStream(ReadDataStream):
     """Reads of a record that must not run over its end."""
 
     def read(self, length: int) -> bytes:
@@ -309,7 +362,7 @@ def parse(record: Any, buffer: NDArray[np.uint8], start: int, where: str) -> Any
     length = RECORD.unpack_from(buffer.data, start)[1]
     payload = bytes(buffer[start + RECORD.size : start + RECORD.size + length])
     try:
-        return record.read(_Exact(BytesIO(payload)))
+        return record.read(_ExactStream(BytesIO(payload)))
     except (McapError, struct.error, ValueError) as error:
         raise FormatError(
             f"the {record.__name__} record at byte {start} of {where} is damaged"

@@ -1,5 +1,5 @@
-"""Protobuf schemas of channels: ours as MCAP wants them, and what those of other writers' files
-mean to us.
+"""Channels and their protobuf schemas: ours as MCAP wants them, and which topics and fields of ours
+the channels of any writer's file have.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,8 @@ from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 from mcap.records import Channel, Schema
 
-from spoofbench.errors import RecordingError
+from spoofbench.codec.scan import McapFile
+from spoofbench.errors import FormatError, RecordingError
 from spoofbench.schema import KINDS, Category, Field, Kind, split_topic
 
 ENCODING = "protobuf"
@@ -22,7 +23,7 @@ LOCATION_FIX = "foxglove.LocationFix"
 LOCATION_SUFFIX = "/location_fix"
 
 VARINT, FIXED64, DELIMITED, FIXED32 = 0, 1, 2, 5
-"""Wire types."""
+"""Wire types of protobuf."""
 
 _FLOATS = {FieldDescriptor.TYPE_DOUBLE: FIXED64, FieldDescriptor.TYPE_FLOAT: FIXED32}
 _INTEGERS = {
@@ -50,7 +51,7 @@ _READABLE: Mapping[Category, Mapping[int, int]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Wire:
+class WireField:
     """How a file writes one of our fields; without presence, a field that is left out is zero."""
 
     field: Field
@@ -61,16 +62,20 @@ class Wire:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
-    """What a channel is to us: a topic, its kind, the fields that it has of ours, and the file's
-    message class.
+class TopicChannel:
+    """A channel that holds rows of one of our topics.
 
-    ``is_plain`` says that no field takes the place of another, as the members of a oneof do.
+    Attributes:
+        topic: its name in the recording.
+        kind: of the rows.
+        wires: how the file writes those of our fields that the channel has.
+        message: the file's own message class.
+        is_plain: no field takes the place of another, as the members of a oneof do.
     """
 
     topic: str
     kind: Kind
-    wires: tuple[Wire, ...]
+    wires: tuple[WireField, ...]
     message: Any
     is_plain: bool
 
@@ -93,7 +98,36 @@ def descriptor_set(message: Any) -> bytes:
     return files.SerializeToString(deterministic=True)
 
 
-def reading_of(channel: Channel, schema: Schema | None) -> Reading | None:
+def topic_channels(file: McapFile) -> tuple[dict[int, TopicChannel], dict[str, str]]:
+    """Return what each channel of ours is, by id, and what the others are, by topic.
+
+    Raises:
+        FormatError: a channel's schema is missing, or messages belong to no channel.
+    """
+    ours, unread = {}, {}
+    for channel in file.channels.values():
+        schema = file.schemas.get(channel.schema_id)
+        if schema is None and channel.schema_id:
+            raise FormatError(
+                f"channel {channel.topic!r} of {file.name} has no schema {channel.schema_id!r}"
+            )
+        topic_channel = _topic_channel(channel, schema)
+        if topic_channel is not None:
+            ours[channel.id] = topic_channel
+        elif not _is_derived(channel, schema):
+            unread[channel.topic] = (
+                f"{schema.name if schema else 'no schema'} ({channel.message_encoding})"
+            )
+    for section in file.sections:
+        undefined = section.channels - file.channels.keys()
+        if undefined:
+            raise FormatError(
+                f"{file.name} has messages of channel {min(undefined)!r}, which it does not define"
+            )
+    return ours, unread
+
+
+def _topic_channel(channel: Channel, schema: Schema | None) -> TopicChannel | None:
     """Return what a file's channel is to us, None where it is nothing of ours."""
     if channel.message_encoding != ENCODING or schema is None or schema.encoding != ENCODING:
         return None
@@ -114,7 +148,7 @@ def reading_of(channel: Channel, schema: Schema | None) -> Reading | None:
     )
     if not wires:
         return None
-    return Reading(
+    return TopicChannel(
         topic,
         kind,
         wires,
@@ -123,7 +157,7 @@ def reading_of(channel: Channel, schema: Schema | None) -> Reading | None:
     )
 
 
-def is_derived(channel: Channel, schema: Schema | None) -> bool:
+def _is_derived(channel: Channel, schema: Schema | None) -> bool:
     """Whether a channel is a view that the codec derives from others and never reads back."""
     return (
         schema is not None
@@ -145,8 +179,8 @@ def _our_topic(topic: str, schema_name: str) -> str | None:
 
 
 def _message_of(schema: Schema) -> Any | None:
-    """Return the message descriptor that a schema record names, None where its descriptors make no
-    sense.
+    """Return the message descriptor that a schema record names, None where its descriptors are
+    invalid.
     """
     pool = DescriptorPool()
     try:
@@ -166,10 +200,10 @@ def _add(pool: DescriptorPool, files: dict[str, Any], name: str) -> None:
         pool.Add(file)
 
 
-def _wire(field: Field, theirs: Any | None) -> Wire | None:
+def _wire(field: Field, theirs: Any | None) -> WireField | None:
     if theirs is None or theirs.is_repeated or theirs.type not in _READABLE[field.category]:
         return None
-    return Wire(
+    return WireField(
         field,
         theirs.number,
         theirs.type,

@@ -4,46 +4,72 @@ order.
 
 import contextlib
 import os
+import threading
+import zlib
 from collections import defaultdict, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any, Literal, Self
 
+import lz4.frame
 import numpy as np
+import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, DataEnd, Header, MetadataIndex, Schema
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
 from mcap.records import Metadata as MetadataRecord
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from spoofbench import __version__
-from spoofbench.codec.compression import Compress, Compression
+from spoofbench.codec.channels import ENCODING, LOCATION_SUFFIX, descriptor_set
 from spoofbench.codec.container import INDEX_ENTRY
-from spoofbench.codec.ending import encoded, ending
-from spoofbench.codec.location import location_fixes
-from spoofbench.codec.packing import BlobRows, Rows, TableRows
-from spoofbench.codec.protobuf import ENCODING, LOCATION_SUFFIX, descriptor_set
+from spoofbench.codec.encode import BytesEncoder, MessageEncoder, TableEncoder, location_fixes
 from spoofbench.errors import RecordingError
 from spoofbench.recording import Metadata, Recording
 from spoofbench.schema import split_topic
 from spoofbench.table import Table
 
+Compression = Literal["zstd", "lz4", "none"]
+
 CHUNK_BYTES = 1 << 20
 _THREADS = min(4, os.cpu_count() or 1)
 
 
-@dataclass(frozen=True, slots=True)
-class _Chunk:
-    """A finished chunk: its payload under way to compression, and the message index by channel."""
+def write(
+    recording: Recording, path: Path, *, compression: Compression = "zstd", level: int = 3
+) -> None:
+    """Write a recording in strict order of time over its topics; the same rows give the same bytes.
 
-    compressed: "Future[tuple[int, Any]]"
-    size: int
-    span: tuple[int, int]
-    index: dict[int, bytes]
+    Beside each topic of kind ``gnss/pvt`` stands a derived one for maps,
+    ``/<source>/location_fix``.
+
+    Args:
+        recording: what to write.
+        path: of the file; its folder must exist.
+        compression: of the chunks.
+        level: of zstd.
+
+    Raises:
+        RecordingError: the file cannot be created, or a row cannot be expressed.
+    """
+    with Writer(path, compression=compression, level=level) as writer:
+        writer.describe(recording.metadata)
+        writer._add_merged(recording)
 
 
 class Writer:
@@ -67,7 +93,7 @@ class Writer:
         if not self._path.name:
             raise RecordingError(f"{str(path)!r} is a folder; name the file to write")
         self._temporary = self._path.with_name(f".{self._path.name}.{os.getpid()}.part")
-        self._compress = Compress(compression, level)
+        self._compress = _ChunkCompressor(compression, level)
         self._compression = "" if compression == "none" else compression
         self._schemas: dict[str, Schema] = {}
         self._channels: dict[str, Channel] = {}
@@ -147,7 +173,7 @@ class Writer:
         """
         self._append([rows for topic in recording for rows in self._rows(topic, recording[topic])])
 
-    def _rows(self, topic: str, table: Table) -> list[Rows]:
+    def _rows(self, topic: str, table: Table) -> list[MessageEncoder]:
         source, kind = split_topic(topic)
         if table.kind.name != kind:
             raise RecordingError(f"topic {topic!r} cannot take rows of kind {table.kind.name!r}")
@@ -164,12 +190,12 @@ class Writer:
                 )
             self._last_ns[topic] = int(table.time_ns[-1])
         channel = self._channel(topic, table.kind.message)
-        rows: list[Rows] = [TableRows(channel, table)]
+        rows: list[MessageEncoder] = [TableEncoder(channel, table)]
         if kind == "gnss/pvt":
             from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 
             view = self._channel(f"/{source}{LOCATION_SUFFIX}", LocationFix.DESCRIPTOR)
-            rows.append(BlobRows(view, *location_fixes(source, table)))
+            rows.append(BytesEncoder(view, *location_fixes(source, table)))
         return rows
 
     def _channel(self, topic: str, message: Any) -> int:
@@ -190,14 +216,14 @@ class Writer:
             self._put_records(channel)
         return self._channels[topic].id
 
-    def _append(self, sources: Sequence[Rows]) -> None:
+    def _append(self, sources: Sequence[MessageEncoder]) -> None:
         """Write rows merged by time; at equal times those of the earlier source come first."""
-        owner = np.repeat(np.arange(len(sources)), [rows.times.size for rows in sources])
+        owner = np.repeat(np.arange(len(sources)), [rows.times_ns.size for rows in sources])
         sizes = (
             np.concatenate([rows.sizes for rows in sources]) if sources else np.empty(0, np.int64)
         )
         if len(sources) > 1:
-            order = np.argsort(np.concatenate([rows.times for rows in sources]), kind="stable")
+            order = np.argsort(np.concatenate([rows.times_ns for rows in sources]), kind="stable")
             owner, sizes = owner[order], sizes[order]
         ends = np.cumsum(sizes)
         next_rows = [0] * len(sources)
@@ -221,12 +247,12 @@ class Writer:
             first = last
 
     def _take(
-        self, rows: Rows, first: int, out: NDArray[np.uint8], starts: NDArray[np.int64]
+        self, rows: MessageEncoder, first: int, out: NDArray[np.uint8], starts: NDArray[np.int64]
     ) -> None:
         last = first + starts.size
-        rows.pack(first, last, out, starts)
+        rows.encode(first, last, out, starts)
         index = np.empty(starts.size, INDEX_ENTRY)
-        index["time"], index["offset"] = rows.times[first:last], starts + self._filled
+        index["time"], index["offset"] = rows.times_ns[first:last], starts + self._filled
         self._index[rows.channel_id].append(index)
         self._counts[rows.channel_id] += starts.size
 
@@ -244,18 +270,20 @@ class Writer:
             channel: b"".join(part.tobytes() for part in parts)
             for channel, parts in sorted(self._index.items())
         }
-        chunk = _Chunk(self._pool.submit(self._compress, payload), payload.size, span, index)
+        chunk = _FinishedChunk(
+            self._pool.submit(self._compress, payload), payload.size, span, index
+        )
         self._under_way.append(self._in_order.submit(self._put_chunk, chunk))
         self._payload, self._filled = [], 0
         self._index.clear()
         self._drain(2 * _THREADS)
 
-    def _drain(self, most: int) -> None:
-        """Wait until at most so many chunks are on their way to the file."""
-        while len(self._under_way) > most:
+    def _drain(self, limit: int) -> None:
+        """Wait until at limit so many chunks are on their way to the file."""
+        while len(self._under_way) > limit:
             self._under_way.popleft().result()
 
-    def _put_chunk(self, chunk: _Chunk) -> None:
+    def _put_chunk(self, chunk: "_FinishedChunk") -> None:
         crc, data = chunk.compressed.result()
         start, name = self._offset, self._compression
         head: Any = RecordBuilder()
@@ -299,10 +327,10 @@ class Writer:
             indexes.append(MetadataIndex(start, self._offset - start, name))
         self._put_records(DataEnd(0))
         definitions = list(self._schemas.values()), list(self._channels.values())
-        self._put(ending(self._offset, definitions, self._counts, self._chunks, indexes))
+        self._put(_end_of_file(self._offset, definitions, self._counts, self._chunks, indexes))
 
     def _put_records(self, *records: Any) -> None:
-        self._put(encoded(*records))
+        self._put(_encode_records(*records))
 
     def _put(self, *pieces: Any) -> None:
         try:
@@ -315,23 +343,85 @@ class Writer:
             ) from error
 
 
-def write(
-    recording: Recording, path: Path, *, compression: Compression = "zstd", level: int = 3
-) -> None:
-    """Write a recording in strict order of time over its topics; the same rows give the same bytes.
+@dataclass(frozen=True, slots=True)
+class _FinishedChunk:
+    """A full chunk: its payload while it is compressed, and the message index by channel."""
 
-    Beside each topic of kind ``gnss/pvt`` stands a derived one for maps,
-    ``/<source>/location_fix``.
+    compressed: "Future[tuple[int, Any]]"
+    size: int
+    span: tuple[int, int]
+    index: dict[int, bytes]
+
+
+class _ChunkCompressor:
+    """Checksum and compression of a payload, by a zstd context per thread."""
+
+    def __init__(self, compression: Compression, level: int) -> None:
+        self._compression, self._level = compression, level
+        self._thread = threading.local()
+
+    def __call__(self, payload: NDArray[np.uint8]) -> tuple[int, Any]:
+        crc = zlib.crc32(payload.data)
+        if self._compression == "none":
+            return crc, payload
+        if self._compression == "lz4":
+            return crc, lz4.frame.compress(payload)
+        if not hasattr(self._thread, "context"):
+            self._thread.context = zstandard.ZstdCompressor(self._level)
+        return crc, self._thread.context.compress(payload)
+
+
+def _encode_records(*records: McapRecord) -> bytes:
+    """Return the bytes of records."""
+    builder: Any = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())
+
+
+def _end_of_file(
+    start: int,
+    definitions: tuple[Sequence[Schema], Sequence[Channel]],
+    counts: Mapping[int, int],
+    chunks: Sequence[ChunkIndex],
+    metadata: Sequence[MetadataIndex],
+) -> bytes:
+    """Return what follows the data section.
+
+    A group of the summary that is empty gets no offset record, which validators refuse.
 
     Args:
-        recording: what to write.
-        path: of the file; its folder must exist.
-        compression: of the chunks.
-        level: of zstd.
-
-    Raises:
-        RecordingError: the file cannot be created, or a row cannot be expressed.
+        start: offset of the summary in the file.
+        definitions: schemas and channels.
+        counts: messages by channel id.
+        chunks: their indexes, in file order.
+        metadata: their indexes, in file order.
     """
-    with Writer(path, compression=compression, level=level) as writer:
-        writer.describe(recording.metadata)
-        writer._add_merged(recording)
+    schemas, channels = definitions
+    statistics = Statistics(
+        attachment_count=0,
+        channel_count=len(channels),
+        channel_message_counts={channel: count for channel, count in counts.items() if count},
+        chunk_count=len(chunks),
+        message_count=sum(counts.values()),
+        message_end_time=max((chunk.message_end_time for chunk in chunks), default=0),
+        message_start_time=min((chunk.message_start_time for chunk in chunks), default=0),
+        metadata_count=len(metadata),
+        schema_count=len(schemas),
+    )
+    groups: list[tuple[Opcode, Sequence[McapRecord]]] = [
+        (Opcode.SCHEMA, schemas),
+        (Opcode.CHANNEL, channels),
+        (Opcode.STATISTICS, [statistics]),
+        (Opcode.CHUNK_INDEX, chunks),
+        (Opcode.METADATA_INDEX, metadata),
+    ]
+    summary, offsets = b"", []
+    for opcode, records in groups:
+        group = _encode_records(*records)
+        if group:
+            offsets.append(SummaryOffset(opcode, start + len(summary), len(group)))
+        summary += group
+    footer = _encode_records(Footer(start, start + len(summary), 0))[:-4]
+    summary += _encode_records(*offsets) + footer
+    return summary + zlib.crc32(summary).to_bytes(4, "little") + MCAP0_MAGIC
