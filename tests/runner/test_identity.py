@@ -1,7 +1,13 @@
-"""Equal inputs have equal ids, and any input that changes changes the id."""
+"""Equal inputs have equal ids, any input that changes changes the id, and so does the code that
+decides results, and no other.
+"""
 
+import ast
 import json
+import shutil
 import sys
+import tomllib
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -193,3 +199,117 @@ def test_the_problem_of_an_unreadable_recording_is_an_input() -> None:
         suite, suite.recordings[0], replace(lost, problem=("failed", "damaged")), [], [detector]
     )
     assert one.id != other.id
+
+
+ROOT = Path(__file__).parents[2]
+SOURCES = [ROOT / "src", *sorted((ROOT / "plugins").glob("*/src"))]
+
+COMPUTES = ("spoofbench.runner.preparing", "spoofbench.runner.grouping", "spoofbench.scoring.grid")
+"""What the workers of a run do; with the attacks and detectors, all that decides a task's files."""
+
+DECIDES_NOTHING = {
+    "spoofbench": "has the version, which is an input",
+    "spoofbench.codec": "reads recordings: the digest of the rows that it gives is an input",
+    "spoofbench.errors": "has names alone",
+    "spoofbench.plugins": "finds plugins: their code and parameters are inputs",
+    "spoofbench.runner": "asks the workers",
+    "spoofbench.runner.confine": "limits, which are inputs, and measures",
+    "spoofbench.runner.talk": "carries what was decided",
+    "spoofbench.suite": "reads the suite: what it says is an input",
+}
+
+
+def source(module: str) -> Path | None:
+    """The file of one of our modules."""
+    for folder in SOURCES:
+        path = folder / module.replace(".", "/")
+        for file in (path / "__init__.py", path.with_suffix(".py")):
+            if file.is_file():
+                return file
+    return None
+
+
+def imported(file: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module or ""
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def plugin_modules() -> set[str]:
+    """The modules of the attacks and detectors that this repository ships."""
+    projects = [ROOT / "pyproject.toml", *(ROOT / "plugins").glob("*/pyproject.toml")]
+    groups = [
+        entries
+        for project in projects
+        for group, entries in tomllib.loads(project.read_text())["project"]["entry-points"].items()
+        if group in (plugins.ATTACKS, plugins.DETECTORS)
+    ]
+    return {entry.partition(":")[0] for entries in groups for entry in entries.values()}
+
+
+def reached(modules: Iterable[str], without: Iterable[str]) -> set[str]:
+    """Modules of the core that these import, directly or through others but ``without``."""
+    waiting, seen = list(modules), set(without)
+    while waiting:
+        module = waiting.pop()
+        file = source(module)
+        if module not in seen and file is not None:
+            seen.add(module)
+            waiting += imported(file)
+    return {module for module in seen if module.partition(".")[0] == "spoofbench"} - {*without}
+
+
+def is_listed(module: str, listed: Iterable[str]) -> bool:
+    return any(f"{module}.".startswith(f"spoofbench.{entry}.") for entry in listed)
+
+
+def unlisted(listed: Iterable[str]) -> set[str]:
+    """The modules that decide results and are not listed."""
+    found = reached({*COMPUTES, *plugin_modules()}, DECIDES_NOTHING)
+    return {module for module in found if not is_listed(module, listed)}
+
+
+def test_every_module_that_decides_results_is_listed() -> None:
+    assert plugin_modules() >= {"spoofbench.attacks.replay", "spoofbench_correlation"}
+    assert unlisted(identity.DECISIVE) == set()
+
+
+TOOLBOX = {"arrays", "gnss_time"}
+"""Modules that are listed whether or not our own plugins import them: a stranger's may."""
+
+
+@pytest.mark.parametrize("entry", sorted({*identity.DECISIVE} - TOOLBOX))
+def test_a_stale_list_is_seen(entry: str) -> None:
+    assert unlisted({*identity.DECISIVE} - {entry}), f"nothing that decides imports {entry!r}"
+
+
+def test_what_decides_nothing_is_there_and_not_listed() -> None:
+    for module in DECIDES_NOTHING:
+        assert source(module)
+        assert not is_listed(module, identity.DECISIVE)
+
+
+def test_edits_elsewhere_leave_the_code_s_digest_alone(tmp_path: Path) -> None:
+    copy = tmp_path / "spoofbench"
+    shutil.copytree(ROOT / "src" / "spoofbench", copy)
+    before = identity.digest_of(copy, identity.DECISIVE)
+    assert before == identity.core()
+    for path in sorted(copy.rglob("*.py")):
+        module = ".".join(path.relative_to(tmp_path).with_suffix("").parts)
+        text = path.read_text()
+        path.write_text(text + "# a comment\n")
+        changed = identity.digest_of(copy, identity.DECISIVE) != before
+        assert changed == is_listed(module, identity.DECISIVE), module
+        path.write_text(text)
+    for elsewhere in ("doctor", "report", "cli", "testing", "conversion"):
+        assert not is_listed(f"spoofbench.{elsewhere}", identity.DECISIVE)
+    for decisive in ("attacks.contract", "detector", "recording", "scoring.grid"):
+        assert is_listed(f"spoofbench.{decisive}", identity.DECISIVE)
+
+
+def test_a_listed_module_that_is_gone_is_an_error() -> None:
+    with pytest.raises(FileNotFoundError):
+        identity.digest_of(ROOT / "src" / "spoofbench", ["no_such_module"])

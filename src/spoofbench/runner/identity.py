@@ -7,7 +7,7 @@ that is there is right.
 import hashlib
 import importlib.util
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -17,8 +17,28 @@ import spoofbench
 from spoofbench.plugins import Plugin
 from spoofbench.schema import SCHEMA_VERSION
 
-_WITHOUT_INFLUENCE = frozenset({"cli.py", "demo.py", "report", "suites", "info.py", "testing"})
-"""Parts of the core that neither make nor judge variants."""
+DECISIVE = (
+    "arrays",
+    "attacks",
+    "detector",
+    "gnss_time",
+    "recording",
+    "results",
+    "runner.describing",
+    "runner.grouping",
+    "runner.material",
+    "runner.preparing",
+    "schema",
+    "scoring.grid",
+    "table",
+)
+"""The modules of the core that decide the files of a task: its decisions, and the truth of its
+variant; and the toolbox that a plugin may compute with.
+
+What reads a recording is left out, because the digest of the rows it gives is an input, and so are
+converters. So is what turns decisions and truth into scores, because every run ends with scoring
+all of them again. A module that one of these imports must be listed, or decide nothing.
+"""
 
 _CODE = frozenset({".py", ".so", ".pyd", ".dylib"})
 
@@ -35,11 +55,22 @@ def identify(**inputs: Any) -> str:
 
 @cache
 def core() -> str:
-    """Digest of the core's code that decides results."""
-    folder = Path(spoofbench.__file__).parent
-    return _digest(
-        (path.relative_to(folder).as_posix(), path) for path in _files(folder, _WITHOUT_INFLUENCE)
-    )
+    """Return the digest of the core's code that decides results."""
+    return digest_of(Path(spoofbench.__file__).parent, DECISIVE)
+
+
+def digest_of(folder: Path, modules: Iterable[str]) -> str:
+    """Return the digest of these modules and packages of a folder, named relative to it.
+
+    Raises:
+        FileNotFoundError: one of them is not there.
+    """
+    found: dict[str, Path] = {}
+    for module in modules:
+        path = folder / module.replace(".", "/")
+        paths = list(_files(path)) if path.is_dir() else [path.with_suffix(".py")]
+        found |= {path.relative_to(folder).as_posix(): path for path in paths}
+    return _digest(found.items())
 
 
 def code_of(plugin: Plugin) -> str:
@@ -72,7 +103,7 @@ def code_of(plugin: Plugin) -> str:
             and path.is_file()
         ):
             found[entry.as_posix()] = path
-    return _digest(iter(found.items()))
+    return _digest(found.items())
 
 
 @cache
@@ -86,14 +117,13 @@ def versions() -> dict[str, str]:
     }
 
 
-def _files(folder: Path, without: frozenset[str] = frozenset()) -> Iterator[Path]:
+def _files(folder: Path) -> Iterator[Path]:
     for path in folder.rglob("*"):
-        parts = path.relative_to(folder).parts
-        if "__pycache__" not in parts and parts[0] not in without and path.is_file():
+        if "__pycache__" not in path.relative_to(folder).parts and path.is_file():
             yield path
 
 
-def _digest(files: Iterator[tuple[str, Path]]) -> str:
+def _digest(files: Iterable[tuple[str, Path]]) -> str:
     digest = hashlib.sha256()
     for name, path in sorted(files):
         digest.update(canonical([name, hashlib.sha256(path.read_bytes()).hexdigest()]).encode())
