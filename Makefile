@@ -4,14 +4,26 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet
 PLUGINS := $(wildcard plugins/*/pyproject.toml)
 
-.PHONY: demo test lint bench schema reproduce agreement fuzz
+.PHONY: demo test test-all test-wheels lint bench schema reproduce agreement fuzz
 
 demo: .venv/runtime  ## convert a real drive, attack it, run the detectors, print the leaderboard
 	$(BIN)/spoofbench demo -o demo
 
-test: export OPENBLAS_NUM_THREADS ?= 1
-test: .venv/development  ## on one thread each: threads only slow small matrices down
-	$(BIN)/python -m pytest
+# One thread each: threads only slow small matrices down.
+test test-all test-wheels: export OPENBLAS_NUM_THREADS ?= 1
+
+test: .venv/development  ## the quick suite: all but the tests marked slow, one process per core
+	$(BIN)/python -m pytest -n auto -m "not slow"
+
+test-all: .venv/development  ## every test
+	$(BIN)/python -m pytest -n auto
+
+test-wheels: .venv/development  ## every test on the built wheels, in an environment that has no source tree
+	rm -rf dist .venv-wheels
+	for folder in . $(dir $(PLUGINS)); do $(BIN)/python -m build --wheel --outdir dist $$folder || exit 1; done
+	$(PYTHON) -m venv .venv-wheels
+	.venv-wheels/bin/python -m pip install --disable-pip-version-check --quiet -c constraints.txt dist/*.whl "spoofbench[demo,dev]"
+	.venv-wheels/bin/python -m pytest -n auto
 
 lint: .venv/development
 	$(BIN)/ruff format --check .
