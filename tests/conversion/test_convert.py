@@ -14,7 +14,7 @@ import pytest
 
 from spoofbench.codec import read
 from spoofbench.conversion import Block, Ledger, Reject, SizeHint, Source, SourceMetadata, convert
-from spoofbench.conversion.ledger import DETAILED_REJECTS
+from spoofbench.conversion.contract import DETAILED_REJECTS
 from spoofbench.errors import ConversionError, PluginError, RecordingError
 from spoofbench.table import Table
 

@@ -15,7 +15,7 @@ import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from spoofbench.conversion import Source, unpacking
+from spoofbench.conversion import Source, sources
 from spoofbench.errors import ConversionError, LimitError
 
 PACKINGS: dict[str, Callable[[bytes], bytes]] = {
@@ -75,7 +75,7 @@ def test_junk_behind_a_packed_file_is_damage(tmp_path: Path) -> None:
 def test_what_unpacks_to_too_much_is_refused_in_a_sentence(
     packing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(unpacking, "MAX_UNPACKED_BYTES", 3 * 2**20)
+    monkeypatch.setattr(sources, "MAX_UNPACKED_BYTES", 3 * 2**20)
     path = tmp_path / "bomb"
     path.write_bytes(PACKINGS[packing](bytes(16 * 2**20)))
     with pytest.raises(LimitError, match="'bomb' unpacks to more than 3,145,728 bytes"):

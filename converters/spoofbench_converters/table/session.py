@@ -47,7 +47,7 @@ def open_session(source: Source, given: str | None) -> Session:
     if own is not None:
         patterns = _patterns(own)
         files = files_in(
-            source.beside(lambda name: any(fits(name, pattern) for pattern in patterns))
+            source.companion_files(lambda name: any(fits(name, pattern) for pattern in patterns))
         )
         if not files:
             raise ConversionError(

@@ -5,6 +5,7 @@ from spoofbench.conversion.contract import (
     Converter,
     Exporting,
     Item,
+    Ledger,
     Options,
     Reject,
     Rejects,
@@ -13,7 +14,6 @@ from spoofbench.conversion.contract import (
     Used,
 )
 from spoofbench.conversion.convert import NotRecognised, convert, detect_format
-from spoofbench.conversion.ledger import Ledger
 from spoofbench.conversion.rows import Columns, RowBatch, RowBuffer, TimeSorter
 from spoofbench.conversion.sources import Member, Source
 

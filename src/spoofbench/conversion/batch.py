@@ -17,8 +17,8 @@ from multiprocessing.process import BaseProcess
 from typing import Literal
 
 from spoofbench import plugins
+from spoofbench.conversion.contract import Ledger
 from spoofbench.conversion.convert import NotRecognised, convert, detect_format
-from spoofbench.conversion.ledger import Ledger
 from spoofbench.conversion.planning import Job
 from spoofbench.conversion.sources import Source
 from spoofbench.errors import SpoofbenchError

@@ -18,16 +18,15 @@ from spoofbench.conversion.contract import (
     Converter,
     Exporting,
     Item,
+    Ledger,
     Reject,
     Rejects,
     SizeHint,
     SourceMetadata,
     Used,
 )
-from spoofbench.conversion.ledger import Ledger
 from spoofbench.conversion.options import make_options
-from spoofbench.conversion.sources import Source
-from spoofbench.conversion.unpacking import packing_of
+from spoofbench.conversion.sources import Source, packing_of
 from spoofbench.errors import ConversionError, PluginError, SpoofbenchError
 from spoofbench.plugins import Plugin
 from spoofbench.schema import SCHEMA_VERSION, split_topic
@@ -88,8 +87,8 @@ def convert(
             run.close(plugin, log)
             if not run.ledger.rows:
                 raise ConversionError(f"{source.name!r} gave no rows: {_why(run.ledger)}")
-            if log.stats.beside:
-                digest = pool.submit(_digest, source, tuple(log.stats.beside.values()))
+            if log.stats.companions:
+                digest = pool.submit(_digest, source, tuple(log.stats.companions.values()))
             origin = {
                 "file": source.name,
                 **_digested(digest),

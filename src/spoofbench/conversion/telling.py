@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from spoofbench.conversion.batch import Outcome
-from spoofbench.conversion.ledger import Ledger
+from spoofbench.conversion.contract import Ledger
 from spoofbench.formatting import share_percent
 
 _MARKS = {"not recognised": "not recognised", "failed": "failed"}
