@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Columns
 from spoofbench.gnss_time import DAY_NS, GPS_EPOCH_NS, WEEK_NS, leap_seconds_at_gps
-from spoofbench_converters.phone.device import positive
-from spoofbench_converters.phone.sheets import Sheet
+from spoofbench_converters.phone.contract import positive
+from spoofbench_converters.text.columns import ColumnReader
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 
@@ -94,19 +94,19 @@ class Satellites(NamedTuple):
     band: NDArray[np.int32]  # code into RF_BANDS
 
 
-def satellites(sheet: Sheet) -> Satellites:
+def satellites(reader: ColumnReader) -> Satellites:
     """Read which satellites and signals the rows are of.
 
     A signal is RINEX band and attribute. Where the log names no code, GPS, SBAS, QZSS and GLONASS
     L1 are taken as C/A and BeiDou B1 as 2I, which is what phones track there; elsewhere the band
     stands alone.
     """
-    number, present = sheet.exact(("ConstellationType",))
+    number, present = reader.exact(("ConstellationType",))
     android = np.where(present & (number > 0) & (number < SCHEMA_CONSTELLATION.size), number, 0)
-    svid, has_svid = sheet.exact(("Svid",))
-    given = sheet.floats("CarrierFrequencyHz")
+    svid, has_svid = reader.exact(("Svid",))
+    given = reader.floats("CarrierFrequencyHz")
     given = np.where(given > 0, given, np.nan)
-    carrier, band, signal = _signals(android, given, sheet.words("CodeType"))
+    carrier, band, signal = _signals(android, given, reader.words("CodeType"))
     slot, has_slot = _slots(android, given, svid)
     known = has_svid & (svid > 0) & (svid < 1000) & ~((android == _GLONASS) & (svid > 92))
     return Satellites(
@@ -197,18 +197,20 @@ class Times(NamedTuple):
         return self.gps_ns + GPS_EPOCH_NS - self.leap_s * 1_000_000_000
 
 
-def receiver_times(sheet: Sheet) -> Times:
+def receiver_times(reader: ColumnReader) -> Times:
     """Read the time that the receiver claims: its hardware clock minus that clock's bias, as the
     row states it.
     """
-    clock, has_clock = sheet.exact(("TimeNanos",))
-    bias, has_bias = sheet.exact(("FullBiasNanos",))
-    leap, has_leap = sheet.exact(("LeapSecond",))
+    clock, has_clock = reader.exact(("TimeNanos",))
+    bias, has_bias = reader.exact(("FullBiasNanos",))
+    leap, has_leap = reader.exact(("LeapSecond",))
     known = has_clock & has_bias & (bias != 0)
     with np.errstate(over="ignore"):
         gps = np.where(known, clock - bias, 0)
     known &= (gps > 0) & (gps < 2**62)
-    rest = np.nan_to_num(sheet.floats("TimeOffsetNanos")) - np.nan_to_num(sheet.floats("BiasNanos"))
+    rest = np.nan_to_num(reader.floats("TimeOffsetNanos")) - np.nan_to_num(
+        reader.floats("BiasNanos")
+    )
     return Times(
         np.where(known, gps, 0), rest, np.where(has_leap, leap, leap_seconds_at_gps(gps)), known
     )
@@ -219,7 +221,7 @@ def week_and_tow(gps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[
     return gps_ns // WEEK_NS, (gps_ns % WEEK_NS).astype(np.float64) / 1e9
 
 
-def observations(sheet: Sheet, seen: Satellites, times: Times) -> Columns:
+def observations(reader: ColumnReader, seen: Satellites, times: Times) -> Columns:
     """Read the measurements.
 
     The pseudorange is the speed of light times the claimed time of reception minus the time of
@@ -227,15 +229,15 @@ def observations(sheet: Sheet, seen: Satellites, times: Times) -> Columns:
     the log itself says. It holds the receiver's clock error as far as the row's own bias does not.
     """
     wavelength = SPEED_OF_LIGHT_MPS / seen.carrier_hz
-    adr_state, has_adr = sheet.exact(("AccumulatedDeltaRangeState",))
+    adr_state, has_adr = reader.exact(("AccumulatedDeltaRangeState",))
     valid = has_adr & ((adr_state & _ADR_VALID) != 0)
     adr, adr_std = (
-        sheet.floats("AccumulatedDeltaRangeMeters"),
-        _known(sheet.floats("AccumulatedDeltaRangeUncertaintyMeters")),
+        reader.floats("AccumulatedDeltaRangeMeters"),
+        _known(reader.floats("AccumulatedDeltaRangeUncertaintyMeters")),
     )
-    range_rate_std = _known(sheet.floats("PseudorangeRateUncertaintyMetersPerSecond"))
-    pseudorange = _pseudoranges(sheet, seen, times)
-    received_std = _known(sheet.floats("ReceivedSvTimeUncertaintyNanos"))
+    range_rate_std = _known(reader.floats("PseudorangeRateUncertaintyMetersPerSecond"))
+    pseudorange = _pseudoranges(reader, seen, times)
+    received_std = _known(reader.floats("ReceivedSvTimeUncertaintyNanos"))
     return {
         **seen.columns,
         "pseudorange_m": pseudorange,
@@ -244,18 +246,18 @@ def observations(sheet: Sheet, seen: Satellites, times: Times) -> Columns:
         ),
         "carrier_cycles": np.where(valid, adr / wavelength, np.nan),
         "carrier_std_cycles": np.where(valid, adr_std / wavelength, np.nan),
-        "doppler_hz": -sheet.floats("PseudorangeRateMetersPerSecond") / wavelength,
+        "doppler_hz": -reader.floats("PseudorangeRateMetersPerSecond") / wavelength,
         "doppler_std_hz": range_rate_std / wavelength,
-        "cn0_dbhz": positive(sheet.floats("Cn0DbHz")),
+        "cn0_dbhz": positive(reader.floats("Cn0DbHz")),
     }
 
 
-def _pseudoranges(sheet: Sheet, seen: Satellites, times: Times) -> NDArray[np.float64]:
+def _pseudoranges(reader: ColumnReader, seen: Satellites, times: Times) -> NDArray[np.float64]:
     """Pseudoranges in metres, NaN where ambiguous or beyond 0.3 s of flight: section 2.4 of the
     agency's paper.
     """
-    state, has_state = sheet.exact(("State",))
-    sent, has_sent = sheet.exact(("ReceivedSvTimeNanos",))
+    state, has_state = reader.exact(("State",))
+    sent, has_sent = reader.exact(("ReceivedSvTimeNanos",))
     glonass, galileo = seen.android == _GLONASS, seen.android == _GALILEO
     week = (state & (_TOW_DECODED | _TOW_KNOWN)) != 0
     day = (state & (_TOD_DECODED | _TOD_KNOWN)) != 0
@@ -272,7 +274,7 @@ def _pseudoranges(sheet: Sheet, seen: Satellites, times: Times) -> NDArray[np.fl
         np.where(glonass, day, week | secondary) & (flight > 0) & (flight < _LONGEST_FLIGHT_NS)
     )
     computed = np.where(usable, (flight + times.rest_ns) * (SPEED_OF_LIGHT_MPS * 1e-9), np.nan)
-    logged = sheet.floats("RawPseudorangeMeters")
+    logged = reader.floats("RawPseudorangeMeters")
     return np.where(np.isnan(logged), computed, logged)
 
 
@@ -280,10 +282,10 @@ def _known(uncertainty: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where((uncertainty >= 0) & (uncertainty < _UNKNOWN_ABOVE), uncertainty, np.nan)
 
 
-def clock_columns(sheet: Sheet) -> Columns:
+def clock_columns(reader: ColumnReader) -> Columns:
     """Read the receiver's clock but for its bias."""
     return {
-        "drift_sps": sheet.floats("DriftNanosPerSecond") * 1e-9,
-        "acc_s": _known(sheet.floats("BiasUncertaintyNanos")) * 1e-9,
-        "drift_acc_sps": _known(sheet.floats("DriftUncertaintyNanosPerSecond")) * 1e-9,
+        "drift_sps": reader.floats("DriftNanosPerSecond") * 1e-9,
+        "acc_s": _known(reader.floats("BiasUncertaintyNanos")) * 1e-9,
+        "drift_acc_sps": _known(reader.floats("DriftUncertaintyNanosPerSecond")) * 1e-9,
     }

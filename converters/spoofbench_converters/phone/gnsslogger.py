@@ -1,5 +1,6 @@
-"""Conversion of GnssLogger's text log: see :mod:`spoofbench_converters.phone.gnssform` for what it
-is made of.
+"""Conversion of GnssLogger's text log.
+
+:mod:`spoofbench_converters.phone.gnsslogger_format` says what such a log is made of.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,11 +11,8 @@ from numpy.typing import NDArray
 from spoofbench.conversion import Columns, Item, Rejects, SourceMetadata
 from spoofbench.conversion.rows import take
 from spoofbench.gnss_time import GPS_EPOCH_NS, leap_seconds_at_gps
-from spoofbench_converters.phone import android, gnssform
-from spoofbench_converters.phone import lines as text
-from spoofbench_converters.phone.axis import Axis, Stamps, Steps
-from spoofbench_converters.phone.chip import Chip
-from spoofbench_converters.phone.device import (
+from spoofbench_converters.phone import android, gnsslogger_format
+from spoofbench_converters.phone.contract import (
     ACCEL,
     AXES,
     BODY,
@@ -23,14 +21,17 @@ from spoofbench_converters.phone.device import (
     MAG,
     NO_POSITION,
     NO_TIME,
+    Options,
     positive,
 )
-from spoofbench_converters.phone.gnssform import ELAPSED, SENSORS, UNIX, UTC, Form
-from spoofbench_converters.phone.lines import Lines
-from spoofbench_converters.phone.options import Options
-from spoofbench_converters.phone.parts import ANOTHER, Part, only, text_parts
-from spoofbench_converters.phone.sheets import NOT_A_NUMBER, WRONG_WIDTH, Sheet
-from spoofbench_converters.phone.streams import Stream, in_file_order, rejects, used
+from spoofbench_converters.phone.files import ANOTHER, LogFile, only, text_parts
+from spoofbench_converters.phone.gnss_chip import GnssChip
+from spoofbench_converters.phone.gnsslogger_format import ELAPSED, SENSORS, UNIX, UTC, LogSchema
+from spoofbench_converters.phone.merging import MergedTopic, in_file_order, rejects, used
+from spoofbench_converters.phone.time_axis import ClockDeviation, ElapsedTimeAxis, Stamps
+from spoofbench_converters.text import lines as text
+from spoofbench_converters.text.columns import NOT_A_NUMBER, WRONG_WIDTH, ColumnReader
+from spoofbench_converters.text.lines import Lines
 
 _NOT_KEPT = {
     "NMEA": "NMEA sentences: not asked for, convert with --format nmea",
@@ -75,20 +76,22 @@ _SOLUTIONS = {
 }
 
 
-def sniff(parts: Sequence[Part]) -> float:
+def sniff(parts: Sequence[LogFile]) -> float:
     """Return how sure it is that one of the files is a log."""
-    return max((gnssform.likeness(part.head) for part in parts), default=0.0)
+    return max((gnsslogger_format.confidence(part.head) for part in parts), default=0.0)
 
 
-def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
+def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     """Yield what a log holds, the one file of it that is one.
 
     Raises:
         ConversionError: there are several.
     """
-    part = only([part for part in text_parts(parts) if gnssform.likeness(part.head)], "logs")
+    part = only(
+        [part for part in text_parts(parts) if gnsslogger_format.confidence(part.head)], "logs"
+    )
     assert part is not None
-    log = _Log(*gnssform.survey(part), options)
+    log = _Conversion(*gnsslogger_format.survey(part), options)
     with part.open() as file:
         for lines in text.read_lines(file, part.origin):
             if isinstance(lines, Lines):
@@ -99,29 +102,29 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     yield from (other.passed_over(ANOTHER) for other in parts if other is not part)
 
 
-class _Log:
+class _Conversion:
     """A log being converted."""
 
-    def __init__(self, form: Form, axis: Axis, options: Options) -> None:
-        self._form, self._axis, self._options = form, axis, options
-        self._steps = Steps()
-        self._streams: dict[tuple[str, str], Stream] = {}
+    def __init__(self, schema: LogSchema, axis: ElapsedTimeAxis, options: Options) -> None:
+        self._schema, self._axis, self._options = schema, axis, options
+        self._steps = ClockDeviation()
+        self._streams: dict[tuple[str, str], MergedTopic] = {}
         self._about: dict[str, dict[str, str]] = {}
-        self._chip = Chip("gnss0", axis)
-        self._by_sensors = any(kind in form.widths for kind in SENSORS)
+        self._chip = GnssChip("gnss0", axis)
+        self._by_sensors = any(kind in schema.widths for kind in SENSORS)
         self._timed: list[Columns] = []
 
     def take(self, lines: Lines) -> Iterator[Item]:
         """Yield what a piece holds."""
-        headers = gnssform.first_octets(lines) == ord("#")
+        headers = gnsslogger_format.first_octets(lines) == ord("#")
         told = headers | (lines.ends == lines.starts)
         if told.any():
             yield used(int(lines.lengths[told].sum()))
         rows, start = np.flatnonzero(~told), 0
         for header in np.flatnonzero(headers).tolist():
-            if self._form.changed_by(lines.text(header)):
+            if self._schema.changed_by(lines.text(header)):
                 yield from self._rows(lines.take(rows[(rows >= start) & (rows < header)]))
-                self._form.learn(lines.text(header))
+                self._schema.learn(lines.text(header))
                 start = header
         yield from self._rows(lines.take(rows[rows >= start]))
 
@@ -149,17 +152,17 @@ class _Log:
                 "topic": " ".join(filter(None, (fixes.get("topic"), told["topic"]))),
             }
         about = {
-            f"source/{name}": {**self._form.device, **record}
+            f"source/{name}": {**self._schema.device, **record}
             for name, record in self._about.items()
         }
         yield SourceMetadata({**about, "recording": {**recording, **self._steps.about()}})
 
     def _rows(self, lines: Lines) -> Iterator[Item]:
         rows = text.split(lines)
-        kinds = gnssform.types_of(rows)
-        sheets: dict[str, Sheet] = {}
+        kinds = gnsslogger_format.types_of(rows)
+        readers: dict[str, ColumnReader] = {}
         known = np.zeros(kinds.size, bool)
-        for kind in gnssform.TYPES:
+        for kind in gnsslogger_format.TYPES:
             mine = kinds == kind.encode()
             known |= mine
             if not mine.any():
@@ -168,92 +171,94 @@ class _Log:
             if kind in _NOT_KEPT:
                 yield from rejects(account, np.ones(account["offset"].size, bool), _NOT_KEPT[kind])
                 continue
-            sheets[kind], right = self._form.sheet(kind, rows.take(mine))
+            readers[kind], right = self._schema.reader(kind, rows.take(mine))
             yield from rejects(account, ~right, WRONG_WIDTH)
         yield from rejects(
             {"offset": lines.offsets, "length": lines.lengths},
             ~known,
             "a line of no type that GnssLogger writes",
         )
-        yield from self._sheets({kind: sheet for kind, sheet in sheets.items() if len(sheet)})
+        yield from self._readers({kind: reader for kind, reader in readers.items() if len(reader)})
 
-    def _sheets(self, sheets: dict[str, Sheet]) -> Iterator[Item]:
+    def _readers(self, readers: dict[str, ColumnReader]) -> Iterator[Item]:
         """Yield the rows of each type: sensors first, for they tell the time of rows that do
         not.
         """
         self._timed = []
         if self._options.append_clock:
-            self._append(sheets)
-        pushes: dict[str, tuple[Stream, list[Columns]]] = {}
+            self._append(readers)
+        pushes: dict[str, tuple[MergedTopic, list[Columns]]] = {}
         for kind in SENSORS:
-            if kind in sheets:
-                stream, columns, refused = self._sensor(kind, sheets[kind])
+            if kind in readers:
+                stream, columns, refused = self._sensor(kind, readers[kind])
                 yield from refused
                 pushes.setdefault(stream.topic, (stream, []))[1].append(columns)
         for stream, parts in pushes.values():
             yield from stream.push(in_file_order([stream.complete(part) for part in parts]))
         self._watch()
-        if "Fix" in sheets:
-            yield from self._fixes(sheets["Fix"])
-        if "Raw" in sheets:
-            yield from self._chip.raw(sheets["Raw"])
+        if "Fix" in readers:
+            yield from self._fixes(readers["Fix"])
+        if "Raw" in readers:
+            yield from self._chip.raw(readers["Raw"])
             if not self._by_sensors:
                 self._timed.append(self._chip.latest)
         self._chip.piece(*self._order())
-        if "Agc" in sheets:
-            yield from self._chip.agc(sheets["Agc"])
-        if "Status" in sheets:
-            yield from self._chip.status(sheets["Status"])
-        if "Nav" in sheets:
-            yield from self._chip.navigation(sheets["Nav"])
+        if "Agc" in readers:
+            yield from self._chip.agc(readers["Agc"])
+        if "Status" in readers:
+            yield from self._chip.status(readers["Status"])
+        if "Nav" in readers:
+            yield from self._chip.navigation(readers["Nav"])
 
-    def _append(self, sheets: dict[str, Sheet]) -> None:
+    def _append(self, readers: dict[str, ColumnReader]) -> None:
         """Look for jumps of the clock, among the rows that tell the time."""
         parts = []
         for kind in SENSORS if self._by_sensors else ("Fix",):
-            if kind in sheets:
-                times, timed = Axis(self._axis.offset_ns).times(
-                    *_clocks(sheets[kind], UNIX if kind == "Fix" else UTC)
+            if kind in readers:
+                times, timed = ElapsedTimeAxis(self._axis.offset_ns).times(
+                    *_clocks(readers[kind], UNIX if kind == "Fix" else UTC)
                 )
                 parts.append(
                     take(
-                        {"offset": sheets[kind].account()["offset"], "time_ns": times},
-                        timed & ~sheets[kind].bad,
+                        {"offset": readers[kind].account()["offset"], "time_ns": times},
+                        timed & ~readers[kind].bad,
                     )
                 )
         if parts:
             rows = in_file_order(parts)
             self._axis.append(rows["offset"], rows["time_ns"])
 
-    def _sensor(self, kind: str, sheet: Sheet) -> tuple[Stream, Columns, list[Rejects]]:
-        elapsed, logged = sheet.exact(ELAPSED), sheet.exact(UTC, 6)
+    def _sensor(
+        self, kind: str, reader: ColumnReader
+    ) -> tuple[MergedTopic, Columns, list[Rejects]]:
+        elapsed, logged = reader.exact(ELAPSED), reader.exact(UTC, 6)
         columns, stream = (
-            self._vector(kind, sheet) if kind in _VECTORS else self._scalar(kind, sheet)
+            self._vector(kind, reader) if kind in _VECTORS else self._scalar(kind, reader)
         )
-        columns |= sheet.account()
+        columns |= reader.account()
         columns["time_ns"], timed = self._axis.times(columns["offset"], elapsed, logged)
         refused = [
-            *rejects(columns, sheet.bad, NOT_A_NUMBER),
-            *rejects(columns, ~timed & ~sheet.bad, NO_TIME),
+            *rejects(columns, reader.bad, NOT_A_NUMBER),
+            *rejects(columns, ~timed & ~reader.bad, NO_TIME),
         ]
-        kept = timed & ~sheet.bad
+        kept = timed & ~reader.bad
         columns = take(columns, kept)
         self._timed.append(
             {**_places(columns), "logged": logged[0][kept], "both": (elapsed[1] & logged[1])[kept]}
         )
         return stream, columns, refused
 
-    def _vector(self, kind: str, sheet: Sheet) -> tuple[Columns, Stream]:
+    def _vector(self, kind: str, reader: ColumnReader) -> tuple[Columns, MergedTopic]:
         family, which, column, field, bias = _VECTORS[kind]
         columns: Columns = {
-            field.format(axis): sheet.floats(column.format(axis.upper())) for axis in AXES
+            field.format(axis): reader.floats(column.format(axis.upper())) for axis in AXES
         }
         if family == "imu":
-            columns["interval_s"] = np.zeros(len(sheet))
+            columns["interval_s"] = np.zeros(len(reader))
         name, stream = self._stream(
             family, which, (*ACCEL, *GYRO, "interval_s") if family == "imu" else MAG
         )
-        last = Sheet(sheet.rows.take(np.array([len(sheet) - 1])), sheet.places)
+        last = ColumnReader(reader.rows.take(np.array([len(reader) - 1])), reader.places)
         values = [last.floats(bias.format(axis.upper()))[0] for axis in AXES] if bias else []
         if values and not np.isnan(values).any():
             self._about[name][f"{column.partition('{')[0]}_last_bias"] = " ".join(
@@ -261,52 +266,52 @@ class _Log:
             )
         return columns, stream
 
-    def _scalar(self, kind: str, sheet: Sheet) -> tuple[Columns, Stream]:
+    def _scalar(self, kind: str, reader: ColumnReader) -> tuple[Columns, MergedTopic]:
         if kind == "Pressure":
-            hectopascal = sheet.floats(
+            hectopascal = reader.floats(
                 *(
                     name
-                    for name in sheet.places
+                    for name in reader.places
                     if name.lower().endswith(("hpa", "mbar", "millibar"))
                 )
             )
             return {"pressure_pa": hectopascal * 100}, self._stream("baro", "", ("pressure_pa",))[1]
         columns: Columns = {
-            "roll_deg": sheet.floats("rollDeg"),
-            "pitch_deg": -sheet.floats("pitchDeg"),
+            "roll_deg": reader.floats("rollDeg"),
+            "pitch_deg": -reader.floats("pitchDeg"),
         }
         return columns, self._stream("ins", "", ("roll_deg", "pitch_deg"))[1]
 
-    def _stream(self, family: str, which: str, fields: tuple[str, ...]) -> tuple[str, Stream]:
+    def _stream(self, family: str, which: str, fields: tuple[str, ...]) -> tuple[str, MergedTopic]:
         """Return a sensor's source and stream, made when its first row comes."""
         key = (family, which)
         mine = [other for other in self._streams if other[0] == family]
         name = f"{family}{mine.index(key) if key in mine else len(mine)}"
         if key not in self._streams:
-            self._streams[key] = Stream(
+            self._streams[key] = MergedTopic(
                 name, _KINDS.get(family, family), fields, window_s=_BATCHING_S
             )
             self._about[name] = {**({"topic": which} if which else {}), **_ABOUT.get(family, {})}
         return name, self._streams[key]
 
-    def _fixes(self, sheet: Sheet) -> Iterator[Item]:
-        elapsed, claimed = sheet.exact(ELAPSED), sheet.exact(UNIX, 6)
-        provider = np.char.upper(sheet.words("Provider"))
+    def _fixes(self, reader: ColumnReader) -> Iterator[Item]:
+        elapsed, claimed = reader.exact(ELAPSED), reader.exact(UNIX, 6)
+        provider = np.char.upper(reader.words("Provider"))
         columns: Columns = {
-            "lat_deg": sheet.floats("LatitudeDegrees", "Latitude"),
-            "lon_deg": sheet.floats("LongitudeDegrees", "Longitude"),
-            "height_m": sheet.floats("AltitudeMeters", "Altitude"),
-            "speed_mps": sheet.floats("SpeedMps", "Speed"),
-            "course_deg": sheet.floats("BearingDegrees"),
-            "h_acc_m": positive(sheet.floats("AccuracyMeters", "Accuracy")),
-            "v_acc_m": positive(sheet.floats("VerticalAccuracyMeters")),
-            "s_acc_mps": positive(sheet.floats("SpeedAccuracyMps")),
-            **sheet.account(),
+            "lat_deg": reader.floats("LatitudeDegrees", "Latitude"),
+            "lon_deg": reader.floats("LongitudeDegrees", "Longitude"),
+            "height_m": reader.floats("AltitudeMeters", "Altitude"),
+            "speed_mps": reader.floats("SpeedMps", "Speed"),
+            "course_deg": reader.floats("BearingDegrees"),
+            "h_acc_m": positive(reader.floats("AccuracyMeters", "Accuracy")),
+            "v_acc_m": positive(reader.floats("VerticalAccuracyMeters")),
+            "s_acc_mps": positive(reader.floats("SpeedAccuracyMps")),
+            **reader.account(),
         }
         placed = ~np.isnan(columns["lat_deg"] + columns["lon_deg"])
-        yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~placed & ~sheet.bad, NO_POSITION)
-        left = placed & ~sheet.bad
+        yield from rejects(columns, reader.bad, NOT_A_NUMBER)
+        yield from rejects(columns, ~placed & ~reader.bad, NO_POSITION)
+        left = placed & ~reader.bad
         for word, name in _PROVIDERS.items():
             mine = left & (provider == word)
             left &= ~mine
@@ -338,12 +343,12 @@ class _Log:
             self._timed.append(_places(columns))
         yield from self._fix_stream(name).push(columns)
 
-    def _fix_stream(self, name: str) -> Stream:
+    def _fix_stream(self, name: str) -> MergedTopic:
         key = ("gnss", name)
         if key not in self._streams:
             others = sum(family == "gnss" and which != "GPS" for family, which in self._streams)
             source = "gnss0" if name == "GPS" else f"gnss{others + 1}"
-            self._streams[key] = Stream(source, "gnss/pvt", PVT_FIELDS, window_s=_BATCHING_S)
+            self._streams[key] = MergedTopic(source, "gnss/pvt", PVT_FIELDS, window_s=_BATCHING_S)
             self._about[source] = {
                 "topic": f"Fix,{name}",
                 "accuracy_basis": "68 % confidence",
@@ -382,8 +387,8 @@ _ABOUT = {
 }
 
 
-def _clocks(sheet: Sheet, unix: Sequence[str]) -> tuple[NDArray[np.int64], Stamps, Stamps]:
-    return sheet.account()["offset"], sheet.exact(ELAPSED), sheet.exact(unix, 6)
+def _clocks(reader: ColumnReader, unix: Sequence[str]) -> tuple[NDArray[np.int64], Stamps, Stamps]:
+    return reader.account()["offset"], reader.exact(ELAPSED), reader.exact(unix, 6)
 
 
 def _places(columns: Columns) -> Columns:

@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Columns, Item, SourceMetadata
 from spoofbench.conversion.rows import take
-from spoofbench_converters.phone import android, device
-from spoofbench_converters.phone.axis import PAIRS, Axis, Pairs, Steps
-from spoofbench_converters.phone.chip import Chip
-from spoofbench_converters.phone.device import AXES, NO_POSITION, NO_TIME
-from spoofbench_converters.phone.gnssform import ELAPSED, UNIX, UTC, raw_elapsed, raw_utc
-from spoofbench_converters.phone.options import Options
-from spoofbench_converters.phone.parts import Form, Part, only, sheets, text_parts
-from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
-from spoofbench_converters.phone.streams import Stream, in_file_order, rejects
+from spoofbench_converters.phone import android, contract
+from spoofbench_converters.phone.contract import AXES, NO_POSITION, NO_TIME, Options
+from spoofbench_converters.phone.files import HeaderSchema, LogFile, only, read_columns, text_parts
+from spoofbench_converters.phone.gnss_chip import GnssChip
+from spoofbench_converters.phone.gnsslogger_format import ELAPSED, UNIX, UTC, raw_elapsed, raw_utc
+from spoofbench_converters.phone.merging import MergedTopic, in_file_order, rejects
+from spoofbench_converters.phone.time_axis import PAIRS, ClockDeviation, ElapsedTimeAxis, Pairs
+from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader
 
 _GNSS = frozenset(
     {"MessageType", "utcTimeMillis", "TimeNanos", "FullBiasNanos", "ReceivedSvTimeNanos"}
@@ -37,18 +36,18 @@ _WLS = tuple(f"WlsPosition{axis.upper()}EcefMeters" for axis in AXES)
 _BATCHING_S = 10.0
 
 
-def sniff(parts: Sequence[Part]) -> float:
+def sniff(parts: Sequence[LogFile]) -> float:
     """Return 1 where a file has the columns of the measurements or of the inertial sensors, else
     0.
     """
     return float(any(_is(part, _GNSS) or _is(part, _IMU) for part in parts))
 
 
-def _is(part: Part, columns: frozenset[str]) -> bool:
-    return columns <= set(Form.of(part.head).names)
+def _is(part: LogFile, columns: frozenset[str]) -> bool:
+    return columns <= set(HeaderSchema.of(part.head).names)
 
 
-def tables(parts: Sequence[Part]) -> tuple[Part | None, Part | None, Part | None]:
+def tables(parts: Sequence[LogFile]) -> tuple[LogFile | None, LogFile | None, LogFile | None]:
     """Return the tables of the measurements, of the inertial sensors and of the reference.
 
     Raises:
@@ -65,14 +64,14 @@ def tables(parts: Sequence[Part]) -> tuple[Part | None, Part | None, Part | None
     )
 
 
-def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
+def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     """Yield what a drive of one phone holds.
 
     Raises:
         ConversionError: there are several drives.
     """
     gnss, imu, truth = tables(parts)
-    axis, steps = _axis(gnss, imu), Steps()
+    axis, steps = _axis(gnss, imu), ClockDeviation()
     if imu:
         yield from _sensors(imu, axis, steps)
     if gnss:
@@ -95,19 +94,24 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     yield from (part.passed_over() for part in parts if part not in (gnss, imu, truth))
 
 
-def _axis(gnss: Part | None, imu: Part | None) -> Axis:
+def _axis(gnss: LogFile | None, imu: LogFile | None) -> ElapsedTimeAxis:
     none = np.empty(0, np.int64)
     sensors, raw = (none, none), (none, none)
-    if imu and (sheet := _first(imu)):
-        sensors = _pairs(*sheet.exact(ELAPSED), *sheet.exact(UTC, 6))
-    if gnss and (sheet := _first(gnss)):
-        raw = _pairs(*raw_elapsed(sheet), *raw_utc(sheet, android.receiver_times(sheet)))
-    return Axis.of(sensors, (none, none), raw)
+    if imu and (reader := _first(imu)):
+        sensors = _pairs(*reader.exact(ELAPSED), *reader.exact(UTC, 6))
+    if gnss and (reader := _first(gnss)):
+        raw = _pairs(*raw_elapsed(reader), *raw_utc(reader, android.receiver_times(reader)))
+    return ElapsedTimeAxis.of(sensors, (none, none), raw)
 
 
-def _first(part: Part) -> Sheet | None:
+def _first(part: LogFile) -> ColumnReader | None:
     return next(
-        (item for item in sheets(part, Form.of(part.head)) if isinstance(item, Sheet)), None
+        (
+            item
+            for item in read_columns(part, HeaderSchema.of(part.head))
+            if isinstance(item, ColumnReader)
+        ),
+        None,
     )
 
 
@@ -121,25 +125,25 @@ def _pairs(
     return elapsed[both][:PAIRS], utc[both][:PAIRS]
 
 
-def _sensors(part: Part, axis: Axis, steps: Steps) -> Iterator[Item]:
+def _sensors(part: LogFile, axis: ElapsedTimeAxis, steps: ClockDeviation) -> Iterator[Item]:
     streams = {
-        "imu": Stream(
-            "imu0", "imu", (*device.ACCEL, *device.GYRO, "interval_s"), window_s=_BATCHING_S
+        "imu": MergedTopic(
+            "imu0", "imu", (*contract.ACCEL, *contract.GYRO, "interval_s"), window_s=_BATCHING_S
         ),
-        "mag": Stream("mag0", "mag", device.MAG, window_s=_BATCHING_S),
+        "mag": MergedTopic("mag0", "mag", contract.MAG, window_s=_BATCHING_S),
     }
-    for sheet in sheets(part, Form.of(part.head)):
-        if not isinstance(sheet, Sheet):
-            yield sheet
+    for reader in read_columns(part, HeaderSchema.of(part.head)):
+        if not isinstance(reader, ColumnReader):
+            yield reader
             continue
-        logged = sheet.exact(UTC, 6)
-        elapsed = sheet.exact(ELAPSED)
-        times, timed = axis.times(sheet.account()["offset"], elapsed, logged)
-        values = [sheet.floats(f"Measurement{name.upper()}") for name in AXES]
-        account, kind = sheet.account(), sheet.words("MessageType")
-        yield from rejects(account, sheet.bad, NOT_A_NUMBER)
-        yield from rejects(account, ~timed & ~sheet.bad, NO_TIME)
-        left = timed & ~sheet.bad
+        logged = reader.exact(UTC, 6)
+        elapsed = reader.exact(ELAPSED)
+        times, timed = axis.times(reader.account()["offset"], elapsed, logged)
+        values = [reader.floats(f"Measurement{name.upper()}") for name in AXES]
+        account, kind = reader.account(), reader.words("MessageType")
+        yield from rejects(account, reader.bad, NOT_A_NUMBER)
+        yield from rejects(account, ~timed & ~reader.bad, NO_TIME)
+        left = timed & ~reader.bad
         watched = left & elapsed[1] & logged[1]
         steps.watch(account["offset"][watched], logged[0][watched], times[watched])
         pushes: dict[str, list[Columns]] = {name: [] for name in streams}
@@ -147,7 +151,7 @@ def _sensors(part: Part, axis: Axis, steps: Steps) -> Iterator[Item]:
             mine = left & (kind == word)
             left &= ~mine
             fields = {field.format(name): column for name, column in zip(AXES, values, strict=True)}
-            extra = {"interval_s": np.zeros(len(sheet))} if family == "imu" else {}
+            extra = {"interval_s": np.zeros(len(reader))} if family == "imu" else {}
             pushes[family].append(
                 streams[family].complete(
                     take({**account, **fields, **extra, "time_ns": times}, mine)
@@ -159,18 +163,18 @@ def _sensors(part: Part, axis: Axis, steps: Steps) -> Iterator[Item]:
     for stream in streams.values():
         yield from stream.finish()
         if stream.rows:
-            about = {"topic": "uncalibrated", "device_axes": device.DEVICE_AXES}
+            about = {"topic": "uncalibrated", "device_axes": contract.DEVICE_AXES}
             yield SourceMetadata({f"source/{stream.topic.split('/')[1]}": about})
 
 
-def _measurements(part: Part, axis: Axis) -> Iterator[Item]:
-    chip, solution = Chip("gnss0", axis), _Solution(axis)
-    for sheet in sheets(part, Form.of(part.head)):
-        if isinstance(sheet, Sheet):
-            yield from chip.raw(sheet)
-            yield from solution.take(sheet)
+def _measurements(part: LogFile, axis: ElapsedTimeAxis) -> Iterator[Item]:
+    chip, solution = GnssChip("gnss0", axis), _Solution(axis)
+    for reader in read_columns(part, HeaderSchema.of(part.head)):
+        if isinstance(reader, ColumnReader):
+            yield from chip.raw(reader)
+            yield from solution.take(reader)
         else:
-            yield sheet
+            yield reader
     yield from chip.finish()
     yield from solution.stream.finish()
     yield SourceMetadata({f"source/{name}": about for name, about in chip.about().items()})
@@ -186,22 +190,25 @@ def _measurements(part: Part, axis: Axis) -> Iterator[Item]:
 class _Solution:
     """The position that stands in each row of an epoch, once per epoch."""
 
-    def __init__(self, axis: Axis) -> None:
-        self.stream = Stream("wls0", "gnss/pvt", ("lat_deg", "lon_deg", "height_m"))
+    def __init__(self, axis: ElapsedTimeAxis) -> None:
+        self.stream = MergedTopic("wls0", "gnss/pvt", ("lat_deg", "lon_deg", "height_m"))
         self._axis = axis
         self._last = -1
 
-    def take(self, sheet: Sheet) -> Iterator[Item]:
+    def take(self, reader: ColumnReader) -> Iterator[Item]:
         """Yield the epochs of a piece; their rows' bytes are the measurements'."""
         import pymap3d
 
-        ecef = np.stack([sheet.floats(name) for name in _WLS])
-        utc, offsets = sheet.exact(UTC)[0], sheet.account()["offset"]
+        ecef = np.stack([reader.floats(name) for name in _WLS])
+        utc, offsets = reader.exact(UTC)[0], reader.account()["offset"]
         times, timed = self._axis.times(
-            offsets, raw_elapsed(sheet), raw_utc(sheet, android.receiver_times(sheet)), shift=True
+            offsets,
+            raw_elapsed(reader),
+            raw_utc(reader, android.receiver_times(reader)),
+            shift=True,
         )
         placed = np.flatnonzero(
-            timed & ~sheet.bad & ~np.isnan(ecef).any(axis=0) & (np.abs(ecef).max(axis=0) > 0)
+            timed & ~reader.bad & ~np.isnan(ecef).any(axis=0) & (np.abs(ecef).max(axis=0) > 0)
         )
         if not placed.size:
             return
@@ -215,26 +222,26 @@ class _Solution:
         )
 
 
-def _reference(part: Part, axis: Axis) -> Iterator[Item]:
-    stream = Stream("", "reference/pva", ("lat_deg", "lon_deg", "height_m"))
-    for sheet in sheets(part, Form.of(part.head)):
-        if not isinstance(sheet, Sheet):
-            yield sheet
+def _reference(part: LogFile, axis: ElapsedTimeAxis) -> Iterator[Item]:
+    stream = MergedTopic("", "reference/pva", ("lat_deg", "lon_deg", "height_m"))
+    for reader in read_columns(part, HeaderSchema.of(part.head)):
+        if not isinstance(reader, ColumnReader):
+            yield reader
             continue
         columns: Columns = {
-            "lat_deg": sheet.floats("LatitudeDegrees"),
-            "lon_deg": sheet.floats("LongitudeDegrees"),
-            "height_m": sheet.floats("AltitudeMeters"),
-            **sheet.account(),
+            "lat_deg": reader.floats("LatitudeDegrees"),
+            "lon_deg": reader.floats("LongitudeDegrees"),
+            "height_m": reader.floats("AltitudeMeters"),
+            **reader.account(),
         }
         columns["time_ns"], timed = axis.times(
-            columns["offset"], sheet.exact(()), sheet.exact(UNIX, 6), shift=True
+            columns["offset"], reader.exact(()), reader.exact(UNIX, 6), shift=True
         )
         placed = ~np.isnan(columns["lat_deg"] + columns["lon_deg"])
-        yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~timed & ~sheet.bad, NO_TIME)
-        yield from rejects(columns, ~placed & timed & ~sheet.bad, NO_POSITION)
-        yield from stream.push(take(columns, placed & timed & ~sheet.bad))
+        yield from rejects(columns, reader.bad, NOT_A_NUMBER)
+        yield from rejects(columns, ~timed & ~reader.bad, NO_TIME)
+        yield from rejects(columns, ~placed & timed & ~reader.bad, NO_POSITION)
+        yield from stream.push(take(columns, placed & timed & ~reader.bad))
     yield from stream.finish()
     basis = (
         "the competition's reference receiver; GNSS time, laid on the recording's clock by its "

@@ -17,12 +17,18 @@ from numpy.typing import NDArray
 from spoofbench.conversion import Columns, Item, SourceMetadata
 from spoofbench.conversion.rows import take
 from spoofbench.errors import ConversionError
-from spoofbench_converters.phone import device
-from spoofbench_converters.phone.device import NO_TIME, known, positive
-from spoofbench_converters.phone.options import Options
-from spoofbench_converters.phone.parts import Form, Part, records, sheets, text_parts, told
-from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
-from spoofbench_converters.phone.streams import Stream, rejects, together
+from spoofbench_converters.phone import contract
+from spoofbench_converters.phone.contract import NO_TIME, Options, known, positive
+from spoofbench_converters.phone.files import (
+    HeaderSchema,
+    LogFile,
+    read_columns,
+    records,
+    text_parts,
+    told,
+)
+from spoofbench_converters.phone.merging import MergedTopic, rejects, together
+from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader
 
 _MPS2 = r"\(m/s(\^?2|²)\)"
 _TIME = re.compile(r"(time|zeit|t) \(s\)", re.IGNORECASE)
@@ -45,7 +51,7 @@ def _quantity(pattern: str, family: str, field: str, factor: float = 1.0) -> Qua
 
 
 def _vectors() -> Iterator[Quantity]:
-    for axis in device.AXES:
+    for axis in contract.AXES:
         yield _quantity(
             rf"linear accelerat(ion|ometer) {axis} {_MPS2}", "imu", f"linear_accel_{axis}_mps2"
         )
@@ -71,25 +77,25 @@ _QUANTITIES = (
 )
 _MEANT = {"speed_mps": known, "course_deg": known, "h_acc_m": positive, "v_acc_m": positive}
 _FAMILIES: Mapping[str, tuple[str, Sequence[str]]] = {
-    "imu": ("imu", device.IMU),
-    "mag": ("mag", device.MAG),
+    "imu": ("imu", contract.IMU),
+    "mag": ("mag", contract.MAG),
     "baro": ("baro", ("pressure_pa",)),
-    "gnss": ("gnss/pvt", device.PVT),
+    "gnss": ("gnss/pvt", contract.PVT),
 }
 _ABOUT = {
-    "imu": {"device_axes": device.DEVICE_AXES},
-    "mag": {"device_axes": device.DEVICE_AXES},
+    "imu": {"device_axes": contract.DEVICE_AXES},
+    "mag": {"device_axes": contract.DEVICE_AXES},
     "gnss": {"solution_basis": "the phone's location, of which phyphox does not say what it fuses"},
 }
 
 
 class Table(NamedTuple):
-    """A table that is understood: its file, its form, the column of time, and its quantities by
+    """A table that is understood: its file, its schema, the column of time, and its quantities by
     column.
     """
 
-    part: Part
-    form: Form
+    part: LogFile
+    schema: HeaderSchema
     time: str
     quantities: Mapping[str, Quantity]
 
@@ -98,33 +104,33 @@ class Table(NamedTuple):
         return next(iter(self.quantities.values())).family
 
 
-def sniff(parts: Sequence[Part]) -> float:
+def sniff(parts: Sequence[LogFile]) -> float:
     """Return 0.9 for a file of the app, 0 for others."""
     return 0.9 * any(_table(part) is not None for part in parts)
 
 
-def _table(part: Part) -> Table | None:
-    form = Form.of(part.head)
-    time = next((name for name in form.names if _TIME.fullmatch(name)), None)
+def _table(part: LogFile) -> Table | None:
+    schema = HeaderSchema.of(part.head)
+    time = next((name for name in schema.names if _TIME.fullmatch(name)), None)
     quantities = {
         name: quantity
-        for name in form.names
+        for name in schema.names
         for quantity in _QUANTITIES
         if quantity.pattern.fullmatch(name)
     }
     family = next(iter(quantities.values())).family if quantities else ""
     mine = {name: quantity for name, quantity in quantities.items() if quantity.family == family}
-    return Table(part, form, time, mine) if time and mine else None
+    return Table(part, schema, time, mine) if time and mine else None
 
 
-def tables(parts: Sequence[Part]) -> list[Table]:
+def tables(parts: Sequence[LogFile]) -> list[Table]:
     """Return the tables that are understood.
 
     Raises:
         ConversionError: two tell the same.
     """
     found = [table for part in text_parts(parts) if (table := _table(part))]
-    owners: dict[str, Part] = {}
+    owners: dict[str, LogFile] = {}
     for table in found:
         for quantity in table.quantities.values():
             other = owners.setdefault(quantity.field, table.part)
@@ -136,7 +142,7 @@ def tables(parts: Sequence[Part]) -> list[Table]:
     return found
 
 
-def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
+def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     """Yield what an experiment holds.
 
     Raises:
@@ -147,7 +153,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
         (
             part
             for part in text_parts(parts)
-            if {"event", "experiment time", "system time"} <= set(Form.of(part.head).names)
+            if {"event", "experiment time", "system time"} <= set(HeaderSchema.of(part.head).names)
         ),
         None,
     )
@@ -160,7 +166,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
         (
             part
             for part in text_parts(parts)
-            if {"property", "value"} == set(Form.of(part.head).names)
+            if {"property", "value"} == set(HeaderSchema.of(part.head).names)
         ),
         None,
     )
@@ -168,7 +174,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     for family, (kind, fields) in _FAMILIES.items():
         mine = {table.part.name: table for table in understood if table.family == family}
         if mine:
-            stream = Stream(f"{family}0", kind, fields, inputs=tuple(mine))
+            stream = MergedTopic(f"{family}0", kind, fields, inputs=tuple(mine))
             yield from together(stream, {name: _rows(table, clock) for name, table in mine.items()})
             topic = " ".join(table.part.stem for table in mine.values() if table.part.name)
             yield SourceMetadata(
@@ -206,7 +212,7 @@ class Clock(NamedTuple):
         return experiment_ns - self.started_ns[run] + self.unix_ns[run]
 
 
-def _clock(part: Part | None, options: Options) -> Clock:
+def _clock(part: LogFile | None, options: Options) -> Clock:
     if options.date is not None:
         start = _date_ns(options.date)
         return Clock(
@@ -217,12 +223,12 @@ def _clock(part: Part | None, options: Options) -> Clock:
             "the experiment does not say when it began: there is no meta/time.csv; give the start "
             "with --date"
         )
-    form = Form.of(part.head)
+    schema = HeaderSchema.of(part.head)
     starts: list[tuple[int, int]] = []
     for row in records(part):
         if row["event"].strip().upper() == "START":
             texts = (
-                row[name].replace(",", ".") if form.decimal_comma else row[name]
+                row[name].replace(",", ".") if schema.decimal_comma else row[name]
                 for name in ("experiment time", "system time")
             )
             try:
@@ -261,7 +267,7 @@ def _date_ns(date: str) -> int:
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
-def _device(part: Part | None) -> dict[str, str]:
+def _device(part: LogFile | None) -> dict[str, str]:
     properties = {row["property"]: row["value"] for row in records(part)} if part else {}
     name = " ".join(
         filter(None, (properties.get(key, "") for key in ("deviceBrand", "deviceModel")))
@@ -270,18 +276,18 @@ def _device(part: Part | None) -> dict[str, str]:
 
 
 def _rows(table: Table, clock: Clock) -> Iterator[Columns | Item]:
-    for sheet in sheets(table.part, table.form):
-        if not isinstance(sheet, Sheet):
-            yield sheet
+    for reader in read_columns(table.part, table.schema):
+        if not isinstance(reader, ColumnReader):
+            yield reader
             continue
-        experiment, timed = sheet.exact((table.time,), 9)
-        columns: Columns = {"time_ns": clock.times(experiment), **sheet.account()}
+        experiment, timed = reader.exact((table.time,), 9)
+        columns: Columns = {"time_ns": clock.times(experiment), **reader.account()}
         for name, quantity in table.quantities.items():
-            values = sheet.floats(name) * quantity.factor
+            values = reader.floats(name) * quantity.factor
             meant = _MEANT.get(quantity.field)
             columns[quantity.field] = meant(values) if meant else values
         if table.family == "imu":
-            columns["interval_s"] = np.zeros(len(sheet))
-        yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~timed & ~sheet.bad, NO_TIME)
-        yield take(columns, timed & ~sheet.bad)
+            columns["interval_s"] = np.zeros(len(reader))
+        yield from rejects(columns, reader.bad, NOT_A_NUMBER)
+        yield from rejects(columns, ~timed & ~reader.bad, NO_TIME)
+        yield take(columns, timed & ~reader.bad)

@@ -18,12 +18,18 @@ from numpy.typing import NDArray
 from spoofbench.conversion import Columns, Item, Reject, SourceMetadata
 from spoofbench.conversion.rows import take
 from spoofbench.errors import ConversionError
-from spoofbench_converters.phone import device
-from spoofbench_converters.phone.device import AXES, STANDARD_GRAVITY_MPS2, known
-from spoofbench_converters.phone.options import Options
-from spoofbench_converters.phone.parts import ANOTHER, Form, Part, only, sheets, text_parts
-from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
-from spoofbench_converters.phone.streams import REPEATED, Stream, in_file_order, rejects
+from spoofbench_converters.phone import contract
+from spoofbench_converters.phone.contract import AXES, STANDARD_GRAVITY_MPS2, Options, known
+from spoofbench_converters.phone.files import (
+    ANOTHER,
+    HeaderSchema,
+    LogFile,
+    only,
+    read_columns,
+    text_parts,
+)
+from spoofbench_converters.phone.merging import REPEATED, MergedTopic, in_file_order, rejects
+from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader
 
 _SURVEY_ROWS = 100
 _OLDEST_FIX_NS = 2_000_000_000
@@ -40,57 +46,57 @@ class Sensor(NamedTuple):
     family: str
     which: str
     fields: Sequence[str]
-    read: Callable[[Sheet], Columns]
+    read: Callable[[ColumnReader], Columns]
 
 
-def _vector(field: str, column: str, scale: float = 1.0) -> Callable[[Sheet], Columns]:
-    return lambda sheet: {
-        field.format(axis): scale * sheet.floats(column.format(axis.upper())) for axis in AXES
+def _vector(field: str, column: str, scale: float = 1.0) -> Callable[[ColumnReader], Columns]:
+    return lambda reader: {
+        field.format(axis): scale * reader.floats(column.format(axis.upper())) for axis in AXES
     }
 
 
-def _motion(sheet: Sheet) -> Columns:
+def _motion(reader: ColumnReader) -> Columns:
     linear = _vector("linear_accel_{}_mps2", "motionUserAcceleration{}", -STANDARD_GRAVITY_MPS2)(
-        sheet
+        reader
     )
-    gravity = _vector("{}", "motionGravity{}", -STANDARD_GRAVITY_MPS2)(sheet)
+    gravity = _vector("{}", "motionGravity{}", -STANDARD_GRAVITY_MPS2)(reader)
     total = {
         f"accel_{axis}_mps2": linear[f"linear_accel_{axis}_mps2"] + gravity[axis] for axis in AXES
     }
-    return {**total, **linear, **_vector("gyro_{}_radps", "motionRotationRate{}")(sheet)}
+    return {**total, **linear, **_vector("gyro_{}_radps", "motionRotationRate{}")(reader)}
 
 
-def _calibrated_field(sheet: Sheet) -> Columns:
+def _calibrated_field(reader: ColumnReader) -> Columns:
     """The field is zero where its calibration is -1: none."""
-    uncalibrated = sheet.floats("motionMagneticFieldCalibrationAccuracy") < 0
-    fields = _vector("field_{}_ut", "motionMagneticField{}")(sheet)
+    uncalibrated = reader.floats("motionMagneticFieldCalibrationAccuracy") < 0
+    fields = _vector("field_{}_ut", "motionMagneticField{}")(reader)
     return {name: np.where(uncalibrated, np.nan, values) for name, values in fields.items()}
 
 
-def _location(sheet: Sheet) -> Columns:
-    valid = ~(sheet.floats("locationHorizontalAccuracy") < 0)
+def _location(reader: ColumnReader) -> Columns:
+    valid = ~(reader.floats("locationHorizontalAccuracy") < 0)
     return {
-        "lat_deg": np.where(valid, sheet.floats("locationLatitude"), np.nan),
-        "lon_deg": np.where(valid, sheet.floats("locationLongitude"), np.nan),
+        "lat_deg": np.where(valid, reader.floats("locationLatitude"), np.nan),
+        "lon_deg": np.where(valid, reader.floats("locationLongitude"), np.nan),
         "height_msl_m": np.where(
-            sheet.floats("locationVerticalAccuracy") < 0, np.nan, sheet.floats("locationAltitude")
+            reader.floats("locationVerticalAccuracy") < 0, np.nan, reader.floats("locationAltitude")
         ),
-        "speed_mps": known(sheet.floats("locationSpeed")),
-        "course_deg": known(sheet.floats("locationCourse")),
-        "h_acc_m": known(sheet.floats("locationHorizontalAccuracy")),
-        "v_acc_m": known(sheet.floats("locationVerticalAccuracy")),
-        "s_acc_mps": known(sheet.floats("locationSpeedAccuracy")),
+        "speed_mps": known(reader.floats("locationSpeed")),
+        "course_deg": known(reader.floats("locationCourse")),
+        "h_acc_m": known(reader.floats("locationHorizontalAccuracy")),
+        "v_acc_m": known(reader.floats("locationVerticalAccuracy")),
+        "s_acc_mps": known(reader.floats("locationSpeedAccuracy")),
     }
 
 
-def _pressure(sheet: Sheet) -> Columns:
-    return {"pressure_pa": 1000 * sheet.floats("altimeterPressure")}
+def _pressure(reader: ColumnReader) -> Columns:
+    return {"pressure_pa": 1000 * reader.floats("altimeterPressure")}
 
 
-def _attitude(sheet: Sheet) -> Columns:
+def _attitude(reader: ColumnReader) -> Columns:
     return {
-        "roll_deg": np.degrees(sheet.floats("motionRoll")),
-        "pitch_deg": np.degrees(sheet.floats("motionPitch")),
+        "roll_deg": np.degrees(reader.floats("motionRoll")),
+        "pitch_deg": np.degrees(reader.floats("motionPitch")),
     }
 
 
@@ -100,31 +106,31 @@ _SENSORS = (
         f"accelerometer{_BOOT}",
         "imu",
         "raw",
-        device.ACCEL,
+        contract.ACCEL,
         _vector("accel_{}_mps2", "accelerometerAcceleration{}", -STANDARD_GRAVITY_MPS2),
     ),
-    Sensor(f"gyro{_BOOT}", "imu", "raw", device.GYRO, _vector("gyro_{}_radps", "gyroRotation{}")),
+    Sensor(f"gyro{_BOOT}", "imu", "raw", contract.GYRO, _vector("gyro_{}_radps", "gyroRotation{}")),
     Sensor(
         f"motion{_BOOT}",
         "imu",
         "device motion",
-        (*device.ACCEL, *device.GYRO, *device.LINEAR_ACCEL),
+        (*contract.ACCEL, *contract.GYRO, *contract.LINEAR_ACCEL),
         _motion,
     ),
-    Sensor(f"location{_UNIX}", "gnss", "", device.PVT, _location),
+    Sensor(f"location{_UNIX}", "gnss", "", contract.PVT, _location),
     Sensor(
         f"magnetometer{_BOOT}",
         "mag",
         "magnetometer, uncalibrated",
-        device.MAG,
+        contract.MAG,
         _vector("field_{}_ut", "magnetometer{}"),
     ),
-    Sensor(f"motion{_BOOT}", "mag", "device motion, calibrated", device.MAG, _calibrated_field),
+    Sensor(f"motion{_BOOT}", "mag", "device motion, calibrated", contract.MAG, _calibrated_field),
     Sensor(
         f"locationHeading{_UNIX}",
         "mag",
         "heading",
-        device.MAG,
+        contract.MAG,
         _vector("field_{}_ut", "locationHeading{}"),
     ),
     Sensor(f"altimeter{_BOOT}", "baro", "", ("pressure_pa",), _pressure),
@@ -133,13 +139,13 @@ _SENSORS = (
 _KINDS = {"imu": "imu", "mag": "mag", "baro": "baro", "gnss": "gnss/pvt", "ins": "ins/pva"}
 _ABOUT = {
     "imu": {
-        "device_axes": device.DEVICE_AXES,
+        "device_axes": contract.DEVICE_AXES,
         "accel_basis": "Core Motion's sign turned, g into m/s2",
     },
-    "mag": {"device_axes": device.DEVICE_AXES},
+    "mag": {"device_axes": contract.DEVICE_AXES},
     "gnss": {"solution_basis": "Core Location, which does not say what it fuses"},
     "ins": {
-        "body": device.BODY,
+        "body": contract.BODY,
         "yaw_basis": "absent: its zero depends on the reference frame",
         "solution_basis": "attitude of inertial sensors and magnetometer",
     },
@@ -151,17 +157,17 @@ def normal(name: str) -> str:
     return re.sub(r"\s*\([^)]*\)$", "", name)
 
 
-def sniff(parts: Sequence[Part]) -> float:
+def sniff(parts: Sequence[LogFile]) -> float:
     """Return 1 where a file has the app's columns, else 0."""
     return float(any(_is_table(part) for part in parts))
 
 
-def _is_table(part: Part) -> bool:
-    places = Form.of(part.head).places(normal)
+def _is_table(part: LogFile) -> bool:
+    places = HeaderSchema.of(part.head).places(normal)
     return _LOGGED in places and any(sensor.stamp in places for sensor in _SENSORS)
 
 
-def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
+def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     """Yield what a log holds, the one file of it that is one.
 
     Raises:
@@ -169,11 +175,11 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
     """
     part = only([part for part in text_parts(parts) if _is_table(part)], "logs")
     assert part is not None
-    form = Form.of(part.head)
-    clock = _survey(part, form)
-    log = _Log(form, clock)
-    for item in sheets(part, form, normal):
-        if isinstance(item, Sheet):
+    schema = HeaderSchema.of(part.head)
+    clock = _survey(part, schema)
+    log = _Conversion(schema, clock)
+    for item in read_columns(part, schema, normal):
+        if isinstance(item, ColumnReader):
             yield from log.take(item)
         else:
             yield item
@@ -200,14 +206,21 @@ class Clock(NamedTuple):
     basis: str
 
 
-def _survey(part: Part, form: Form) -> Clock:
+def _survey(part: LogFile, schema: HeaderSchema) -> Clock:
     """Lay the time since boot on Unix time by the first rows' logging time; its zone, where it
     names none, by a stamp since 1970.
     """
-    first = next((sheet for sheet in sheets(part, form, normal) if isinstance(sheet, Sheet)), None)
+    first = next(
+        (
+            reader
+            for reader in read_columns(part, schema, normal)
+            if isinstance(reader, ColumnReader)
+        ),
+        None,
+    )
     if first is None:
         raise ConversionError("the log has no rows")
-    head = Sheet(first.rows.take(np.arange(min(_SURVEY_ROWS, len(first)))), first.places)
+    head = ColumnReader(first.rows.take(np.arange(min(_SURVEY_ROWS, len(first)))), first.places)
     texts = [text.decode("ascii", "replace") for text in head.words(_LOGGED).tolist()]
     logged = [_read_time(text) for text in texts]
     stamps = [head.exact((sensor.stamp,), 9) for sensor in _SENSORS if sensor.stamp.endswith(_UNIX)]
@@ -260,29 +273,29 @@ def _nanoseconds(time: datetime, zone: timedelta) -> int:
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
-class _Log:
+class _Conversion:
     """A table being converted."""
 
-    def __init__(self, form: Form, clock: Clock) -> None:
+    def __init__(self, schema: HeaderSchema, clock: Clock) -> None:
         self._clock = clock
-        places = form.places(normal)
+        places = schema.places(normal)
         self._sensors = [sensor for sensor in _SENSORS if sensor.stamp in places]
         self._last: dict[int, int] = {}
-        self._streams: dict[tuple[str, str], Stream] = {}
+        self._streams: dict[tuple[str, str], MergedTopic] = {}
         self._sources: dict[tuple[str, str], str] = {}
 
-    def take(self, sheet: Sheet) -> Iterator[Item]:
+    def take(self, reader: ColumnReader) -> Iterator[Item]:
         """Yield what a piece holds: of each sensor the rows in which its stamp is another than
         before.
         """
-        account = sheet.account()
-        owned = np.zeros(len(sheet), bool)
+        account = reader.account()
+        owned = np.zeros(len(reader), bool)
         pushes: dict[tuple[str, str], list[Columns]] = {}
         read = [
-            (number, sensor, *self._new(number, sensor, sheet), sensor.read(sheet))
+            (number, sensor, *self._new(number, sensor, reader), sensor.read(reader))
             for number, sensor in enumerate(self._sensors)
         ]
-        bad = sheet.bad
+        bad = reader.bad
         yield from rejects(account, bad, NOT_A_NUMBER)
         for _, sensor, times, new, fields in read:
             new = new & ~bad & ~_blank(fields)
@@ -294,10 +307,11 @@ class _Log:
                 "length": np.where(owned, 0, account["length"]),
             }
             if sensor.family == "imu":
-                columns["interval_s"] = np.zeros(len(sheet))
+                columns["interval_s"] = np.zeros(len(reader))
             if sensor.stamp.endswith(_UNIX):
                 yield from (
-                    Reject(offset, 0, device.OLDER) for offset in account["offset"][older].tolist()
+                    Reject(offset, 0, contract.OLDER)
+                    for offset in account["offset"][older].tolist()
                 )
                 new &= ~older
             owned |= new
@@ -324,20 +338,20 @@ class _Log:
             )
 
     def _new(
-        self, number: int, sensor: Sensor, sheet: Sheet
+        self, number: int, sensor: Sensor, reader: ColumnReader
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Return a sensor's times, and which rows have one that is not that of the row before."""
-        stamps, present = sheet.exact((sensor.stamp,), 9)
+        stamps, present = reader.exact((sensor.stamp,), 9)
         present &= stamps > 0
         rows = np.flatnonzero(present)
         before = np.concatenate([[self._last.get(number, 0)], stamps[rows][:-1]])
-        new = np.zeros(len(sheet), bool)
+        new = np.zeros(len(reader), bool)
         new[rows] = stamps[rows] != before
         if rows.size:
             self._last[number] = int(stamps[rows[-1]])
         return stamps + (self._clock.offset_ns if sensor.stamp.endswith(_BOOT) else 0), new
 
-    def _stream(self, family: str, which: str) -> Stream:
+    def _stream(self, family: str, which: str) -> MergedTopic:
         key = (family, which)
         if key not in self._streams:
             self._sources[key] = f"{family}{sum(other == family for other, _ in self._sources)}"
@@ -346,7 +360,7 @@ class _Log:
                     field for s in self._sensors if (s.family, s.which) == key for field in s.fields
                 )
             )
-            self._streams[key] = Stream(
+            self._streams[key] = MergedTopic(
                 self._sources[key],
                 _KINDS[family],
                 (*fields, *(("interval_s",) if family == "imu" else ())),

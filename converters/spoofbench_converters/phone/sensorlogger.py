@@ -15,7 +15,7 @@ import numpy as np
 from spoofbench.conversion import Columns, Item, SourceMetadata
 from spoofbench.conversion.rows import take
 from spoofbench.errors import ConversionError
-from spoofbench_converters.phone.device import (
+from spoofbench_converters.phone.contract import (
     AXES,
     BODY,
     DEVICE_AXES,
@@ -25,13 +25,13 @@ from spoofbench_converters.phone.device import (
     OLDER,
     PVT,
     STANDARD_GRAVITY_MPS2,
+    Options,
     known,
     positive,
 )
-from spoofbench_converters.phone.options import Options
-from spoofbench_converters.phone.parts import Form, Part, records, sheets, told
-from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet
-from spoofbench_converters.phone.streams import Stream, rejects, together
+from spoofbench_converters.phone.files import HeaderSchema, LogFile, read_columns, records, told
+from spoofbench_converters.phone.merging import MergedTopic, rejects, together
+from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader
 
 _OLDEST_FIX_S = -1.0  # before the start of the recording: an older one was cached
 _GRAVITY = tuple(f"gravity_{axis}" for axis in AXES)
@@ -58,45 +58,45 @@ class Sensor(NamedTuple):
 
     family: str
     which: str
-    read: Callable[[Sheet, Phone], Columns]
+    read: Callable[[ColumnReader, Phone], Columns]
 
 
 def _vector(
     field: str, *, is_acceleration: bool = False, in_g_on_ios: bool = False
-) -> Callable[[Sheet, Phone], Columns]:
-    def read(sheet: Sheet, phone: Phone) -> Columns:
+) -> Callable[[ColumnReader, Phone], Columns]:
+    def read(reader: ColumnReader, phone: Phone) -> Columns:
         scale = -1.0 if is_acceleration and phone.is_core_motion else 1.0
         scale *= STANDARD_GRAVITY_MPS2 if in_g_on_ios and phone.is_core_motion else 1.0
-        return {field.format(axis): scale * sheet.floats(axis) for axis in AXES}
+        return {field.format(axis): scale * reader.floats(axis) for axis in AXES}
 
     return read
 
 
-def _location(sheet: Sheet, phone: Phone) -> Columns:
+def _location(reader: ColumnReader, phone: Phone) -> Columns:
     del phone
     return {
-        "lat_deg": sheet.floats("latitude"),
-        "lon_deg": sheet.floats("longitude"),
-        "height_m": sheet.floats("altitude"),
-        "height_msl_m": sheet.floats("altitudeAboveMeanSeaLevel"),
-        "speed_mps": known(sheet.floats("speed")),
-        "course_deg": known(sheet.floats("bearing")),
-        "h_acc_m": positive(sheet.floats("horizontalAccuracy")),
-        "v_acc_m": positive(sheet.floats("verticalAccuracy")),
-        "s_acc_mps": positive(sheet.floats("speedAccuracy")),
+        "lat_deg": reader.floats("latitude"),
+        "lon_deg": reader.floats("longitude"),
+        "height_m": reader.floats("altitude"),
+        "height_msl_m": reader.floats("altitudeAboveMeanSeaLevel"),
+        "speed_mps": known(reader.floats("speed")),
+        "course_deg": known(reader.floats("bearing")),
+        "h_acc_m": positive(reader.floats("horizontalAccuracy")),
+        "v_acc_m": positive(reader.floats("verticalAccuracy")),
+        "s_acc_mps": positive(reader.floats("speedAccuracy")),
     }
 
 
-def _barometer(sheet: Sheet, phone: Phone) -> Columns:
+def _barometer(reader: ColumnReader, phone: Phone) -> Columns:
     del phone
-    return {"pressure_pa": sheet.floats("pressure") * 100}
+    return {"pressure_pa": reader.floats("pressure") * 100}
 
 
-def _orientation(sheet: Sheet, phone: Phone) -> Columns:
+def _orientation(reader: ColumnReader, phone: Phone) -> Columns:
     nose_up = 1.0 if phone.is_core_motion else -1.0
     return {
-        "roll_deg": np.degrees(sheet.floats("roll")),
-        "pitch_deg": nose_up * np.degrees(sheet.floats("pitch")),
+        "roll_deg": np.degrees(reader.floats("roll")),
+        "pitch_deg": nose_up * np.degrees(reader.floats("pitch")),
     }
 
 
@@ -138,14 +138,14 @@ _SIGNED = (
 )
 
 
-def sniff(parts: Sequence[Part]) -> float:
+def sniff(parts: Sequence[LogFile]) -> float:
     """Return 1 for files of the app, 0 for others."""
     return float(
         any(_is_table(part) and (not part.name or part.stem in _SENSORS) for part in parts)
     )
 
 
-def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
+def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     """Yield what a recording holds.
 
     Raises:
@@ -170,7 +170,7 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
             )
             continue
         derive = _with_gravity if sensor.family == "imu" else None
-        stream = Stream(
+        stream = MergedTopic(
             source, _KINDS[sensor.family], _FIELDS[sensor.family], inputs=names, derive=derive
         )
         yield from together(stream, {name: _rows(name, found[name], phone) for name in names})
@@ -181,18 +181,18 @@ def convert(parts: Sequence[Part], options: Options) -> Iterator[Item]:
             yield part.passed_over()
 
 
-def _is_table(part: Part) -> bool:
-    return {"time", "seconds_elapsed"} <= set(Form.of(part.head).names)
+def _is_table(part: LogFile) -> bool:
+    return {"time", "seconds_elapsed"} <= set(HeaderSchema.of(part.head).names)
 
 
-def tables(parts: Sequence[Part]) -> dict[str, Part]:
+def tables(parts: Sequence[LogFile]) -> dict[str, LogFile]:
     """Return the tables that are understood, by sensor.
 
     Raises:
         ConversionError: there are two of one sensor, or one table alone that does not say of which
             it is.
     """
-    found: dict[str, Part] = {}
+    found: dict[str, LogFile] = {}
     for part in parts:
         name = part.stem if part.name else _sensor_of(part)
         if name not in _SENSORS or not _is_table(part):
@@ -208,9 +208,9 @@ def tables(parts: Sequence[Part]) -> dict[str, Part]:
     return found
 
 
-def _sensor_of(part: Part) -> str:
+def _sensor_of(part: LogFile) -> str:
     """Return the sensor of a table that stands alone, by its columns."""
-    names = set(Form.of(part.head).names)
+    names = set(HeaderSchema.of(part.head).names)
     for column, sensor in (("latitude", "Location"), ("pressure", "Barometer")):
         if column in names:
             return sensor
@@ -220,7 +220,7 @@ def _sensor_of(part: Part) -> str:
     )
 
 
-def _sources(tables: Mapping[str, Part]) -> dict[str, tuple[str, ...]]:
+def _sources(tables: Mapping[str, LogFile]) -> dict[str, tuple[str, ...]]:
     """Return the sensors of each source, by its name."""
     groups: dict[tuple[str, str], list[str]] = {}
     for name, sensor in _SENSORS.items():
@@ -234,7 +234,7 @@ def _sources(tables: Mapping[str, Part]) -> dict[str, tuple[str, ...]]:
     return sources
 
 
-def _phone(tables: Mapping[str, Part], metadata: Part | None) -> Phone:
+def _phone(tables: Mapping[str, LogFile], metadata: LogFile | None) -> Phone:
     rows = records(metadata, 1) if metadata else []
     if rows and rows[0].get("platform", "").lower() in ("ios", "android"):
         return Phone(
@@ -244,13 +244,13 @@ def _phone(tables: Mapping[str, Part], metadata: Part | None) -> Phone:
         return Phone("android", basis="tables that only Android has")
     if (
         "Location" in tables
-        and "altitudeAboveMeanSeaLevel" in Form.of(tables["Location"].head).names
+        and "altitudeAboveMeanSeaLevel" in HeaderSchema.of(tables["Location"].head).names
     ):
         return Phone("ios", basis="a column that only iOS has")
     return Phone()
 
 
-def _device(metadata: Part | None) -> dict[str, str]:
+def _device(metadata: LogFile | None) -> dict[str, str]:
     row = next(iter(records(metadata, 1) if metadata else []), {})
     device = {
         "device": row.get("device name", ""),
@@ -298,28 +298,28 @@ def _provider(sensor: Sensor, phone: Phone) -> dict[str, str]:
     }
 
 
-def _rows(name: str, part: Part, phone: Phone) -> Iterator[Columns | Item]:
+def _rows(name: str, part: LogFile, phone: Phone) -> Iterator[Columns | Item]:
     sensor = _SENSORS[name]
-    for sheet in sheets(part, Form.of(part.head)):
-        if not isinstance(sheet, Sheet):
-            yield sheet
+    for reader in read_columns(part, HeaderSchema.of(part.head)):
+        if not isinstance(reader, ColumnReader):
+            yield reader
             continue
-        columns = {**sensor.read(sheet, phone), **sheet.account()}
-        columns["time_ns"], timed = sheet.exact(("time",))
-        before_s = sheet.floats("seconds_elapsed")
+        columns = {**sensor.read(reader, phone), **reader.account()}
+        columns["time_ns"], timed = reader.exact(("time",))
+        before_s = reader.floats("seconds_elapsed")
         if sensor.family == "imu":
-            columns["interval_s"] = np.zeros(len(sheet))
-        refusals = [(sheet.bad, NOT_A_NUMBER), (~timed | (columns["time_ns"] <= 0), NO_TIME)]
+            columns["interval_s"] = np.zeros(len(reader))
+        refusals = [(reader.bad, NOT_A_NUMBER), (~timed | (columns["time_ns"] <= 0), NO_TIME)]
         if sensor.family == "gnss":
             refusals.append((before_s < _OLDEST_FIX_S, OLDER))
         if name in _SIGNED and not phone.platform:
             refusals.append(
                 (
-                    np.ones(len(sheet), bool),
+                    np.ones(len(reader), bool),
                     "nothing says whether the phone is iOS or Android, so the sign is unknown",
                 )
             )
-        kept = np.ones(len(sheet), bool)
+        kept = np.ones(len(reader), bool)
         for refused, reason in refusals:
             yield from rejects(columns, refused & kept, reason)
             kept &= ~refused

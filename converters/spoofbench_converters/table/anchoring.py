@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.errors import ConversionError
-from spoofbench.gnss_time import DAY_NS, SECOND_NS
+from spoofbench.gnss_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, gps_to_utc
 from spoofbench_converters.table.fields import TimeSpec, moment_ns
 from spoofbench_converters.table.mapping import Anchor, TableSpec
 from spoofbench_converters.table.reading import rows
 from spoofbench_converters.table.session import Session
 from spoofbench_converters.table.text import Rows
-from spoofbench_converters.table.times import Clock, gps_to_utc
+from spoofbench_converters.table.times import Clock
 
 TAGS = 1000
 TAG = np.dtype([("tick", "<u4"), ("octets", "<u4")])
@@ -144,5 +144,5 @@ def _read_tags(session: Session) -> tuple[int, NDArray[np.int64], NDArray[np.int
             f"{session.tags.name!r} is no time tag file of RTKLIB: its first time is damaged"
         )
     tags = np.frombuffer(content, TAG, octets // TAG.itemsize, TAG_HEADER)
-    moment = gps_to_utc(np.array([seconds * SECOND_NS + round(part * SECOND_NS)]))
-    return int(moment[0]), tags["tick"].astype(np.int64), tags["octets"].astype(np.int64)
+    moment_ns = int(gps_to_utc(seconds * SECOND_NS + round(part * SECOND_NS) - GPS_EPOCH_NS))
+    return moment_ns, tags["tick"].astype(np.int64), tags["octets"].astype(np.int64)

@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.errors import ConversionError
-from spoofbench.gnss_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS
+from spoofbench.gnss_time import SECOND_NS, gps_of_week, gps_to_utc
 from spoofbench.recording import Recording
 from spoofbench.table import Table
 from spoofbench_converters.table.earth import earth_centred
 from spoofbench_converters.table.fields import ECEF, FieldSpec, TimeSpec
 from spoofbench_converters.table.files import fits
 from spoofbench_converters.table.mapping import Mapping, TableSpec, TopicSpec, load_mapping
-from spoofbench_converters.table.telling import tell
-from spoofbench_converters.table.times import gps_to_utc
+from spoofbench_converters.table.times import write_times
 from spoofbench_converters.table.topic import resolve
 
 Rows = NDArray[np.intp]
@@ -152,7 +151,7 @@ def _columns(recording: Recording, table: TableSpec) -> dict[str, Any]:
     topics = [topic for topic in table.topics if topic.topic in recording]
     places, times = _places(recording, topics)
     assert table.time is not None
-    columns = tell(table.time, times)
+    columns = write_times(table.time, times)
     for topic, rows in zip(topics, places, strict=True):
         for name, cells in _cells(recording[topic.topic], topic, table).items():
             _place(columns, name, cells, rows, times.size)
@@ -217,17 +216,14 @@ def _cells(rows: Table, topic: TopicSpec, table: TableSpec) -> dict[str, Any]:
             found = _field(rows, field, column[1] != field.negate, columns.get(field.name))
             cells[column[0]] = found
     if topic.receive_time is not None:
-        cells |= _told(topic.receive_time, rows["receive_time_ns"], rows.valid("receive_time_ns"))
-    if topic.claims is not None:
-        tow_s = np.nan_to_num(rows["tow_s"])
-        gps_ns = (
-            rows["gps_week"].astype(np.int64) * WEEK_NS
-            + np.rint(tow_s * SECOND_NS).astype(np.int64)
-            + GPS_EPOCH_NS
+        cells |= _written_times(
+            topic.receive_time, rows["receive_time_ns"], rows.valid("receive_time_ns")
         )
-        cells |= _told(
+    if topic.claims is not None:
+        tow_ns = np.rint(np.nan_to_num(rows["tow_s"]) * SECOND_NS).astype(np.int64)
+        cells |= _written_times(
             topic.claims,
-            gps_to_utc(gps_ns, topic.claims.leap_seconds),
+            gps_to_utc(gps_of_week(rows["gps_week"], tow_ns), topic.claims.leap_seconds),
             rows.valid("gps_week") & rows.valid("tow_s"),
         )
     for name, words in topic.where:
@@ -237,13 +233,15 @@ def _cells(rows: Table, topic: TopicSpec, table: TableSpec) -> dict[str, Any]:
     return cells
 
 
-def _told(spec: TimeSpec, time_ns: NDArray[np.int64], valid: NDArray[np.bool_]) -> dict[str, Any]:
+def _written_times(
+    spec: TimeSpec, time_ns: NDArray[np.int64], valid: NDArray[np.bool_]
+) -> dict[str, Any]:
     import pyarrow as pa
     import pyarrow.compute as pc
 
     return {
         name: pc.if_else(pa.array(valid), cells, pa.scalar(None, cells.type))
-        for name, cells in tell(spec, time_ns).items()
+        for name, cells in write_times(spec, time_ns).items()
     }
 
 

@@ -19,7 +19,7 @@ from spoofbench.conversion import Rejects
 from spoofbench.errors import ConversionError
 from spoofbench_converters.table.cells import NULLS
 from spoofbench_converters.table.mapping import Layout
-from spoofbench_converters.table.records import (
+from spoofbench_converters.text.records import (
     CR,
     LF,
     MAX_RECORD_BYTES,

@@ -1,26 +1,35 @@
-"""Cells of a table as times: exact to the nanosecond, whatever they are written in."""
+"""Times as cells of a table: read exact to the nanosecond, whatever they are written in, and
+written the same way.
+"""
 
 from collections.abc import Mapping
 from datetime import timedelta
+from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.gnss_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds_at_gps
-from spoofbench_converters.table.cells import Bools, numbers, words
-from spoofbench_converters.table.counting import LIMIT_NS, counts
+from spoofbench.gnss_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, gps_to_utc, utc_to_gps
+from spoofbench_converters.table.cells import (
+    Bools,
+    blanked,
+    integers,
+    is_text,
+    matching,
+    numbers,
+    present,
+    words,
+)
 from spoofbench_converters.table.fields import TimeSpec
 
+LIMIT_NS = 2**62
+
+_DIGITS = {Fraction(10**digits): digits for digits in (0, 3, 6, 9)}
+_PLAIN = r"^[+-]?[0-9]{1,18}(\.[0-9]{0,18})?$"
 _NO_DATE_NS = -2_208_988_800 * SECOND_NS  # 1900-01-01, the day of a text without a date
 _ZONED = r"[0-9](Z|z|[+-][0-9]{2}(:?[0-9]{2})?)$"
-
-
-def gps_to_utc(gps_ns: NDArray[np.int64], leap_seconds: int | None = None) -> NDArray[np.int64]:
-    """Return UTC of times of the GPS scale written as if they were Unix time, ``(n,)``."""
-    leaps = leap_seconds_at_gps(gps_ns - GPS_EPOCH_NS) if leap_seconds is None else leap_seconds
-    return np.asarray(gps_ns - leaps * SECOND_NS)
 
 
 class Clock:
@@ -61,7 +70,7 @@ class Clock:
             base_ns, base_bad = self._base(columns)
             time_ns, bad = time_ns + base_ns, bad | base_bad
         if spec.scale == "gps":
-            time_ns = gps_to_utc(time_ns, spec.leap_seconds)
+            time_ns = gps_to_utc(time_ns - GPS_EPOCH_NS, spec.leap_seconds)
         elif spec.unit is not None and (spec.date is not None or spec.of_day):
             time_ns = time_ns - offset_ns(spec)
         bad = bad | (np.abs(time_ns) >= LIMIT_NS)
@@ -173,3 +182,166 @@ def ns_per(spec: TimeSpec) -> Fraction:
 def offset_ns(spec: TimeSpec) -> int:
     """Return how far the zone of a time is ahead of UTC."""
     return spec.zone.utcoffset(None) // timedelta(microseconds=1) * 1000
+
+
+def write_times(spec: TimeSpec, utc_ns: NDArray[np.int64]) -> dict[str, Any]:
+    """Return the columns of times as Arrow arrays ``(n,)``: exact in seconds, ms, us and ns, else
+    the nearest number.
+    """
+    import pyarrow as pa
+
+    own_ns = utc_ns
+    if spec.scale == "gps":
+        own_ns = utc_to_gps(utc_ns, spec.leap_seconds) + GPS_EPOCH_NS
+    elif spec.unit is None or spec.of_day or spec.date is not None:
+        own_ns = utc_ns + offset_ns(spec)
+    if spec.unit is None:
+        return _written_texts(spec, own_ns)
+    if spec.week is not None:
+        since = own_ns - GPS_EPOCH_NS
+        return {
+            spec.week: pa.array(since // WEEK_NS),
+            spec.column: _written_numbers(spec, since % WEEK_NS),
+        }
+    if spec.of_day:
+        day = (
+            {spec.date: pa.array(_written(own_ns, spec.date_format, "D"))}
+            if spec.date is not None
+            else {}
+        )
+        return {**day, spec.column: _written_numbers(spec, own_ns % DAY_NS)}
+    since_ns = spec.since_ns or 0
+    if abs(since_ns) < 2**62:
+        return {spec.column: _written_numbers(spec, own_ns - since_ns)}
+    return {spec.column: pa.array(own_ns / float(ns_per(spec)) - float(since_ns / ns_per(spec)))}
+
+
+def _written_numbers(spec: TimeSpec, count_ns: NDArray[np.int64]) -> Any:
+    import pyarrow as pa
+
+    digits = {10**9: 9, 10**6: 6, 10**3: 3, 1: 0}.get(
+        ns_per(spec).numerator if ns_per(spec).denominator == 1 else 0
+    )
+    if digits is None:
+        return pa.array(count_ns / float(ns_per(spec)))
+    if digits == 0:
+        return pa.array(count_ns)
+    pairs = np.stack([count_ns, count_ns >> 63], axis=1).astype(np.int64)
+    return pa.Array.from_buffers(
+        pa.decimal128(38, digits), count_ns.size, [None, pa.py_buffer(pairs.tobytes())]
+    )
+
+
+def _written_texts(spec: TimeSpec, own_ns: NDArray[np.int64]) -> dict[str, Any]:
+    import pyarrow as pa
+
+    if spec.date is None:
+        return {spec.column: pa.array(_written(own_ns, spec.format, "ns"))}
+    if spec.format == "iso":
+        whole = np.char.partition(_written(own_ns, "iso", "ns"), " ")
+        return {spec.date: pa.array(whole[:, 0]), spec.column: pa.array(whole[:, 2])}
+    date, _, time = spec.format.partition(" ")
+    return {
+        spec.date: pa.array(_written(own_ns, date, "D")),
+        spec.column: pa.array(_written(own_ns, time, "ns")),
+    }
+
+
+def _written(own_ns: NDArray[np.int64], pattern: str, unit: str) -> NDArray[Any]:
+    """Return times as text, by a pattern or in ISO 8601 with a blank."""
+    if pattern == "iso":
+        moments = own_ns.astype("datetime64[ns]")
+        texts = np.datetime_as_string(moments, unit=unit)  # type: ignore[call-overload]
+        return np.char.replace(texts, "T", " ")
+    import pandas as pd
+
+    return np.asarray(pd.DatetimeIndex(own_ns.astype("datetime64[ns]")).strftime(pattern), str)
+
+
+def counts(cells: Any, ns_per_unit: Fraction) -> tuple[NDArray[np.int64], Bools]:
+    """Return numbers of a unit of time as nanoseconds, int64 ``(n,)``, and which cells are none."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if pa.types.is_timestamp(cells.type):
+        cells, ns_per_unit = (
+            pc.cast(cells, pa.int64()),
+            Fraction({"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}[cells.type.unit]),
+        )
+    if pa.types.is_decimal(cells.type):
+        cells = pc.cast(cells, pa.string())
+    if is_text(cells) and ns_per_unit in _DIGITS:
+        return _decimals(cells, _DIGITS[ns_per_unit])
+    limit = LIMIT_NS / float(ns_per_unit)
+    whole, there, odd = integers(cells)
+    inexact = ~there | (np.abs(whole.astype(np.float64)) >= limit)
+    exact_ns = _scaled(np.where(inexact, 0, whole), np.zeros(len(cells)), ns_per_unit)
+    if not odd.any():
+        return exact_ns, inexact
+    values, bad = numbers(cells)
+    bad = bad | np.isnan(values) | (np.abs(values) >= limit)
+    values = np.where(bad, 0.0, values)
+    floor = np.floor(values)
+    nearest_ns = _scaled(floor.astype(np.int64), values - floor, ns_per_unit)
+    return np.where(inexact, nearest_ns, exact_ns), inexact & bad
+
+
+def _scaled(
+    whole: NDArray[np.int64], part: NDArray[np.float64], ns_per_unit: Fraction
+) -> NDArray[np.int64]:
+    up, down = ns_per_unit.numerator, ns_per_unit.denominator
+    if down == 1:
+        return np.asarray(whole * up + np.rint(part * up).astype(np.int64))
+    return np.asarray(
+        whole // down * up + np.rint((whole % down + part) * up / down).astype(np.int64)
+    )
+
+
+def _decimals(cells: Any, digits: int) -> tuple[NDArray[np.int64], Bools]:
+    """Return decimal text times ``10**digits``, rounded half to even, and which cells are no number
+    within the limit.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    try:
+        return _unscaled(pc.cast(cells, pa.decimal128(38, digits)))
+    except pa.ArrowInvalid:
+        trimmed = words(cells)
+    plain = matching(trimmed, _PLAIN)
+    rounded = pc.round(
+        pc.cast(blanked(trimmed, ~plain), pa.decimal128(38, 18)), digits, "half_to_even"
+    )
+    scaled, bad = _unscaled(pc.cast(rounded, pa.decimal128(38, digits)))
+    for place in np.flatnonzero(present(trimmed) & ~plain).tolist():
+        value = _decimal(trimmed[place].as_py(), digits)
+        bad[place] = value is None
+        scaled[place] = value or 0
+    return scaled, bad
+
+
+def _unscaled(exact: Any) -> tuple[NDArray[np.int64], Bools]:
+    """Return decimals without their point, and which are empty or beyond the limit."""
+    import pyarrow.compute as pc
+
+    empty = ~present(exact)
+    filled = pc.fill_null(exact, 0)
+    pairs = np.frombuffer(filled.buffers()[1], np.int64)[2 * filled.offset :][
+        : 2 * len(filled)
+    ].reshape(-1, 2)
+    low, high = pairs[:, 0], pairs[:, 1]
+    return low.copy(), empty | (high != low >> 63) | (low >= LIMIT_NS) | (low <= -LIMIT_NS)
+
+
+def _decimal(text: str, digits: int) -> int | None:
+    """Return one decimal number times ``10**digits``; None if it is none, or beyond the limit."""
+    try:
+        value = Decimal(text)
+    except InvalidOperation:
+        return None
+    if "_" in text or not value.is_finite() or (value and value.adjusted() + digits > 18):
+        return None
+    if value.adjusted() + digits < -1:
+        return 0
+    scaled = int(value.scaleb(digits).to_integral_value(ROUND_HALF_EVEN))
+    return scaled if abs(scaled) < LIMIT_NS else None

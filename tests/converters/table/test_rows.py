@@ -443,7 +443,8 @@ def test_layouts(convert_text: Convert, layout: str, log: str) -> None:
 def test_source_and_session_are_chosen(convert_text: Convert) -> None:
     mapping: Any = (
         MAPPING
-        + '\n[table.log."/imu1/imu"]\ngyro_x_radps = "ax"\n[table.log."/baro0/baro"]\npressure_pa = "ay"\n'
+        + '\n[table.log."/imu1/imu"]\ngyro_x_radps = "ax"\n'
+        + '[table.log."/baro0/baro"]\npressure_pa = "ay"\n'
     )
     result = convert_text("t,ax,ay,az\n1,1,2,3\n", mapping, source="imu1", session="monday")
     assert set(result.recording) == {"/imu1/imu", "/baro0/baro"}

@@ -6,7 +6,7 @@ import io
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spoofbench_converters.table.records import MAX_RECORD_LINES, find, find_by_blanks, tabbed
+from spoofbench_converters.text.records import MAX_RECORD_LINES, find, find_by_blanks, tabbed
 
 Record = tuple[int, int, int, bool]
 """Start, end, number of cells, whether it is damaged."""

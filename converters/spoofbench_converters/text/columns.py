@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.conversion import Columns
-from spoofbench_converters.phone import parsing
-from spoofbench_converters.phone.lines import Rows
+from spoofbench_converters.text import numbers
+from spoofbench_converters.text.lines import Rows
 
 NOT_A_NUMBER = "a cell that must be a number is none"
 WRONG_WIDTH = "the number of cells is not that of the header"
 
 
-class Sheet:
+class ColumnReader:
     """Rows of one width, read column by column.
 
     Attributes:
@@ -43,7 +43,7 @@ class Sheet:
         """
         for name in names:
             if name in self:
-                values, bad = parsing.floats(
+                values, bad = numbers.floats(
                     self.rows.column(self.places[name]), self._decimal_comma
                 )
                 self.bad |= bad
@@ -58,7 +58,7 @@ class Sheet:
         """
         for name in names:
             if name in self:
-                values, present, bad = parsing.scaled(
+                values, present, bad = numbers.scaled(
                     self.rows.column(self.places[name]), decimals, self._decimal_comma
                 )
                 self.bad |= bad
@@ -68,7 +68,7 @@ class Sheet:
     def words(self, name: str) -> NDArray[np.bytes_]:
         """Return a column of words, empty where there is none."""
         return (
-            parsing.words(self.rows.column(self.places[name]))
+            numbers.words(self.rows.column(self.places[name]))
             if name in self
             else np.zeros(len(self), "S1")
         )

@@ -44,7 +44,9 @@ def in_file_order(parts: Sequence[Columns]) -> Columns:
     return joined if len(parts) == 1 else take(joined, np.argsort(joined["offset"], kind="stable"))
 
 
-def together(stream: "Stream", inputs: Mapping[str, Iterator[Columns | Item]]) -> Iterator[Item]:
+def together(
+    stream: "MergedTopic", inputs: Mapping[str, Iterator[Columns | Item]]
+) -> Iterator[Item]:
     """Push the rows of several inputs, always those of the one that is behind, so that none is held
     for long.
     """
@@ -58,7 +60,7 @@ def together(stream: "Stream", inputs: Mapping[str, Iterator[Columns | Item]]) -
             yield item
 
 
-class Stream:
+class MergedTopic:
     """Rows of one topic, from one or more inputs that are each in their own order.
 
     Args:
@@ -173,7 +175,7 @@ class Stream:
             yield self._block(self._derive(rows) if self._derive else rows)
 
     def _without_repeated(self, rows: Columns) -> tuple[Columns, Columns]:
-        """Part rows from those that say the same as the row before them, at the same time."""
+        """LogFile rows from those that say the same as the row before them, at the same time."""
         with_last = join(self._last, rows)
         held = with_last["time_ns"].size - rows["time_ns"].size
         same = np.zeros(with_last["time_ns"].size, bool)

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Columns
 from spoofbench_converters.phone import android
-from spoofbench_converters.phone import lines as text
-from spoofbench_converters.phone.axis import PAIRS, Axis, Pairs, Stamps
-from spoofbench_converters.phone.lines import Lines
-from spoofbench_converters.phone.parsing import words
-from spoofbench_converters.phone.parts import Part
-from spoofbench_converters.phone.sheets import Sheet
+from spoofbench_converters.phone.files import LogFile
+from spoofbench_converters.phone.time_axis import PAIRS, ElapsedTimeAxis, Pairs, Stamps
+from spoofbench_converters.text import lines as text
+from spoofbench_converters.text.columns import ColumnReader
+from spoofbench_converters.text.lines import Lines
+from spoofbench_converters.text.numbers import words
 
 SURVEY_BYTES = 2**24
 ENOUGH_PAIRS = 30
@@ -60,19 +60,25 @@ _DEVICE = re.compile(
 )
 _ROW = re.compile(r"[A-Za-z]+,(GPS|FLP|NLP|gps|fused|network|-?\d+),-?\d")
 _UNHEADED = {  # of rows whose header line is lost
-    "UncalAccel": "utcTimeMillis,elapsedRealtimeNanos,UncalAccelXMps2,UncalAccelYMps2,UncalAccelZMps2,BiasXMps2,BiasYMps2,BiasZMps2",
-    "UncalGyro": (
-        "utcTimeMillis,elapsedRealtimeNanos,UncalGyroXRadPerSec,UncalGyroYRadPerSec,UncalGyroZRadPerSec,"
-        "DriftXRadPerSec,DriftYRadPerSec,DriftZRadPerSec"
+    "UncalAccel": (
+        "utcTimeMillis,elapsedRealtimeNanos,UncalAccelXMps2,UncalAccelYMps2,UncalAccelZMps2,"
+        "BiasXMps2,BiasYMps2,BiasZMps2"
     ),
-    "UncalMag": "utcTimeMillis,elapsedRealtimeNanos,UncalMagXMicroT,UncalMagYMicroT,UncalMagZMicroT,BiasXMicroT,BiasYMicroT,BiasZMicroT",
+    "UncalGyro": (
+        "utcTimeMillis,elapsedRealtimeNanos,UncalGyroXRadPerSec,UncalGyroYRadPerSec,"
+        "UncalGyroZRadPerSec,DriftXRadPerSec,DriftYRadPerSec,DriftZRadPerSec"
+    ),
+    "UncalMag": (
+        "utcTimeMillis,elapsedRealtimeNanos,UncalMagXMicroT,UncalMagYMicroT,UncalMagZMicroT,"
+        "BiasXMicroT,BiasYMicroT,BiasZMicroT"
+    ),
     "OrientationDeg": "utcTimeMillis,elapsedRealtimeNanos,yawDeg,rollDeg,pitchDeg",
     "Nav": "Svid,Type,Status,MessageId,Sub-messageId,Data(Bytes)",
 }
 
 
 @dataclass(slots=True)
-class Form:
+class LogSchema:
     """What header lines, and the first rows, say of a log: names of the columns and widths of the
     rows by type, and the device.
     """
@@ -101,14 +107,16 @@ class Form:
             self.names[kind] = names
             self.widths.pop(kind, None)
 
-    def sheet(self, kind: str, rows: text.Rows) -> tuple[Sheet, NDArray[np.bool_]]:
-        """Return the rows of a type that have the right number of cells as a sheet, and which
+    def reader(self, kind: str, rows: text.Rows) -> tuple[ColumnReader, NDArray[np.bool_]]:
+        """Return the rows of a type that have the right number of cells as a reader, and which
         do.
         """
         names = self.names.get(kind, ())
         width = self.widths.get(kind, len(names) + 1)
         right = rows.widths >= width if kind == "Nav" else rows.widths == width
-        return Sheet(rows.take(right), {name: place + 1 for place, name in enumerate(names)}), right
+        return ColumnReader(
+            rows.take(right), {name: place + 1 for place, name in enumerate(names)}
+        ), right
 
 
 def _header(line: str) -> tuple[str, tuple[str, ...]]:
@@ -122,7 +130,7 @@ def types_of(rows: text.Rows) -> NDArray[np.bytes_]:
     return words(rows.column(0))
 
 
-def likeness(head: bytes) -> float:
+def confidence(head: bytes) -> float:
     """Return 1 for a log with header lines, 0.9 for one without, 0 for others and for one of NMEA
     sentences alone.
     """
@@ -137,11 +145,11 @@ def likeness(head: bytes) -> float:
     return 0.9 if rows >= 3 and 2 * rows >= len(lines) else 0.0
 
 
-def survey(part: Part) -> tuple[Form, Axis]:
+def survey(part: LogFile) -> tuple[LogSchema, ElapsedTimeAxis]:
     """Read what a log's columns and time axis are: of its first 16 MiB, as far as the header and
     the clocks need it.
     """
-    form = Form()
+    schema = LogSchema()
     counts: dict[str, dict[int, int]] = {}
     pairs: dict[str, list[Pairs]] = {"sensors": [], "fixes": [], "raw": []}
     with part.open() as file:
@@ -150,8 +158,8 @@ def survey(part: Part) -> tuple[Form, Axis]:
                 continue
             if not lines.starts.size or int(lines.offsets[-1]) > SURVEY_BYTES:
                 break
-            same = _of_one_header(lines, form, bool(counts))
-            _survey_lines(same, form, counts, pairs)
+            same = _of_one_header(lines, schema, bool(counts))
+            _survey_lines(same, schema, counts, pairs)
             known = all(
                 parts and parts[0][0].size >= ENOUGH_PAIRS
                 for parts in (pairs["sensors"], pairs["fixes"])
@@ -159,33 +167,36 @@ def survey(part: Part) -> tuple[Form, Axis]:
             if known or same.starts.size < lines.starts.size:
                 break
     for kind, widths in counts.items():
-        if kind in form.names and kind != "Nav":
-            form.widths[kind] = max(widths, key=lambda width: (widths[width], width))
+        if kind in schema.names and kind != "Nav":
+            schema.widths[kind] = max(widths, key=lambda width: (widths[width], width))
     sensors, fixes, raw = (_first(parts) for parts in pairs.values())
-    return form, Axis.of(sensors, fixes, raw)
+    return schema, ElapsedTimeAxis.of(sensors, fixes, raw)
 
 
-def _of_one_header(lines: Lines, form: Form, begun: bool) -> Lines:
-    """Return the lines before a header line that changes the form of rows that have begun; learn
+def _of_one_header(lines: Lines, schema: LogSchema, begun: bool) -> Lines:
+    """Return the lines before a header line that changes the schema of rows that have begun; learn
     those before it.
     """
     octets = first_octets(lines)
     rows = np.flatnonzero((octets != ord("#")) & (octets != 0))
     first = 0 if begun else int(rows[0]) if rows.size else lines.starts.size
     for row in np.flatnonzero(octets == ord("#")).tolist():
-        if row > first and form.changed_by(lines.text(row)):
+        if row > first and schema.changed_by(lines.text(row)):
             return lines.take(np.arange(row))
-        form.learn(lines.text(row))
+        schema.learn(lines.text(row))
     return lines
 
 
 def _survey_lines(
-    lines: Lines, form: Form, counts: dict[str, dict[int, int]], pairs: dict[str, list[Pairs]]
+    lines: Lines,
+    schema: LogSchema,
+    counts: dict[str, dict[int, int]],
+    pairs: dict[str, list[Pairs]],
 ) -> None:
     rows = text.split(lines)
     kinds = types_of(rows)
     sensors: list[Columns] = []
-    for kind in form.names:
+    for kind in schema.names:
         mine = rows.take(kinds == kind.encode())
         if not mine.widths.size:
             continue
@@ -194,20 +205,22 @@ def _survey_lines(
             counts.setdefault(kind, {}).setdefault(width, 0)
             counts[kind][width] += count
         usual = int(widths[np.argmax(times)])
-        sheet = Sheet(
+        reader = ColumnReader(
             mine.take(mine.widths == usual),
-            {name: place + 1 for place, name in enumerate(form.names[kind])},
+            {name: place + 1 for place, name in enumerate(schema.names[kind])},
         )
         if kind in SENSORS:
-            sensors.append({**sheet.account(), **_both(sheet.exact(ELAPSED), sheet.exact(UTC, 6))})
+            sensors.append(
+                {**reader.account(), **_both(reader.exact(ELAPSED), reader.exact(UTC, 6))}
+            )
         elif kind == "Fix":
-            gps = np.isin(np.char.upper(sheet.words("Provider")), (b"GPS",))
-            pairs["fixes"].append(_paired(_both(sheet.exact(ELAPSED), sheet.exact(UNIX, 6)), gps))
+            gps = np.isin(np.char.upper(reader.words("Provider")), (b"GPS",))
+            pairs["fixes"].append(_paired(_both(reader.exact(ELAPSED), reader.exact(UNIX, 6)), gps))
         elif kind == "Raw":
             pairs["raw"].append(
                 _paired(
-                    _both(raw_elapsed(sheet), raw_utc(sheet, android.receiver_times(sheet))),
-                    np.ones(len(sheet), bool),
+                    _both(raw_elapsed(reader), raw_utc(reader, android.receiver_times(reader))),
+                    np.ones(len(reader), bool),
                 )
             )
     if sensors:
@@ -222,18 +235,18 @@ def _survey_lines(
         parts[:] = [_first(parts)]
 
 
-def raw_elapsed(sheet: Sheet) -> Stamps:
+def raw_elapsed(reader: ColumnReader) -> Stamps:
     """Return the elapsed time of raw measurements in nanoseconds: the chipset's, else the
     logger's.
     """
-    chipset, logger = sheet.exact(CHIPSET), sheet.exact(("ElapsedRealtimeMillis",), 6)
+    chipset, logger = reader.exact(CHIPSET), reader.exact(("ElapsedRealtimeMillis",), 6)
     own = chipset[1] & (chipset[0] > 0)
     return np.where(own, chipset[0], logger[0]), own | logger[1]
 
 
-def raw_utc(sheet: Sheet, times: android.Times) -> Stamps:
+def raw_utc(reader: ColumnReader, times: android.Times) -> Stamps:
     """Return the UTC that the receiver claims at raw measurements, in Unix nanoseconds."""
-    logged = sheet.exact(UTC, 6)
+    logged = reader.exact(UTC, 6)
     return np.where(times.known, times.utc_ns(), logged[0]), times.known | logged[1]
 
 

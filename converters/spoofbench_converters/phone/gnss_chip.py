@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Columns, Item
 from spoofbench.conversion.rows import join, take
-from spoofbench_converters.phone import android, parsing
-from spoofbench_converters.phone.axis import Axis, Stamps
-from spoofbench_converters.phone.device import NO_TIME, positive
-from spoofbench_converters.phone.gnssform import raw_elapsed, raw_utc
-from spoofbench_converters.phone.lines import Cells, Rows
-from spoofbench_converters.phone.sheets import NOT_A_NUMBER, Sheet, held
-from spoofbench_converters.phone.streams import Stream, rejects
+from spoofbench_converters.phone import android
+from spoofbench_converters.phone.contract import NO_TIME, positive
+from spoofbench_converters.phone.gnsslogger_format import raw_elapsed, raw_utc
+from spoofbench_converters.phone.merging import MergedTopic, rejects
+from spoofbench_converters.phone.time_axis import ElapsedTimeAxis, Stamps
+from spoofbench_converters.text import numbers
+from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader, held
+from spoofbench_converters.text.lines import Cells, Rows
 
 _MOST_PER_EPOCH = 10_000
 _SIGNAL = ("constellation", "svid", "signal", "cn0_dbhz", "elevation_deg", "azimuth_deg", "used")
@@ -41,20 +42,24 @@ _MESSAGE_SIGNALS = {
 }
 
 
-class Chip:
+class GnssChip:
     """What the chip says, as the streams of one source.
 
     Attributes:
         latest: where the raw measurements taken last lie, and their times.
     """
 
-    def __init__(self, source: str, axis: Axis) -> None:
+    def __init__(self, source: str, axis: ElapsedTimeAxis) -> None:
         self.source, self._axis = source, axis
-        self._observations = Stream(source, "gnss/observation", android.OBSERVATION, words=_WORDS)
-        self._clock = Stream(source, "gnss/clock", android.CLOCK)
-        self._rf = Stream(source, "gnss/rf", ("band", "agc_db"), words={"band": android.RF_BANDS})
-        self._signals = Stream(source, "gnss/signal", _SIGNAL, words=_WORDS)
-        self._navdata = Stream(
+        self._observations = MergedTopic(
+            source, "gnss/observation", android.OBSERVATION, words=_WORDS
+        )
+        self._clock = MergedTopic(source, "gnss/clock", android.CLOCK)
+        self._rf = MergedTopic(
+            source, "gnss/rf", ("band", "agc_db"), words={"band": android.RF_BANDS}
+        )
+        self._signals = MergedTopic(source, "gnss/signal", _SIGNAL, words=_WORDS)
+        self._navdata = MergedTopic(
             source, "gnss/navdata", ("constellation", "svid", "signal", "subframe"), words=_WORDS
         )
         self._held: Columns = {}
@@ -69,64 +74,64 @@ class Chip:
         """
         self._order.piece(offsets, times_ns)
 
-    def raw(self, sheet: Sheet) -> Iterator[Item]:
+    def raw(self, reader: ColumnReader) -> Iterator[Item]:
         """Take raw measurements."""
-        times, seen = android.receiver_times(sheet), android.satellites(sheet)
+        times, seen = android.receiver_times(reader), android.satellites(reader)
         columns = {
-            **android.observations(sheet, seen, times),
-            **android.clock_columns(sheet),
-            **sheet.account(),
+            **android.observations(reader, seen, times),
+            **android.clock_columns(reader),
+            **reader.account(),
         }
-        columns |= self._bias(sheet, times) | {"agc_db": sheet.floats("AgcDb"), "band": seen.band}
-        columns["epoch"] = sheet.exact(("TimeNanos",))[0]
-        claimed = raw_utc(sheet, times)
+        columns |= self._bias(reader, times) | {"agc_db": reader.floats("AgcDb"), "band": seen.band}
+        columns["epoch"] = reader.exact(("TimeNanos",))[0]
+        claimed = raw_utc(reader, times)
         columns["time_ns"], timed = self._axis.times(
-            columns["offset"], raw_elapsed(sheet), claimed, shift=True
+            columns["offset"], raw_elapsed(reader), claimed, shift=True
         )
         columns["host_offset_s"] = np.where(
             times.known, (claimed[0] - columns["time_ns"] + times.rest_ns) * 1e-9, np.nan
         )
-        yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~timed & ~sheet.bad, NO_TIME)
-        columns = take(columns, timed & ~sheet.bad)
+        yield from rejects(columns, reader.bad, NOT_A_NUMBER)
+        yield from rejects(columns, ~timed & ~reader.bad, NO_TIME)
+        columns = take(columns, timed & ~reader.bad)
         self.latest = {name: columns[name] for name in ("offset", "time_ns")}
         yield from self._epochs(columns)
 
-    def agc(self, sheet: Sheet) -> Iterator[Item]:
+    def agc(self, reader: ColumnReader) -> Iterator[Item]:
         """Take rows of gain control."""
-        times, seen = android.receiver_times(sheet), android.satellites(sheet)
-        columns: Columns = {"agc_db": sheet.floats("AgcDb"), "band": seen.band, **sheet.account()}
-        claimed = raw_utc(sheet, times)
+        times, seen = android.receiver_times(reader), android.satellites(reader)
+        columns: Columns = {"agc_db": reader.floats("AgcDb"), "band": seen.band, **reader.account()}
+        claimed = raw_utc(reader, times)
         columns["time_ns"], timed = self._axis.times(
-            columns["offset"], sheet.exact(()), claimed, shift=True
+            columns["offset"], reader.exact(()), claimed, shift=True
         )
-        yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~timed & ~sheet.bad, NO_TIME)
-        yield from self._rf.push(take(columns, timed & ~sheet.bad))
+        yield from rejects(columns, reader.bad, NOT_A_NUMBER)
+        yield from rejects(columns, ~timed & ~reader.bad, NO_TIME)
+        yield from self._rf.push(take(columns, timed & ~reader.bad))
 
-    def status(self, sheet: Sheet) -> Iterator[Item]:
+    def status(self, reader: ColumnReader) -> Iterator[Item]:
         """Take rows of satellites in view; their time is that of the timed row before their epoch's
         first one.
         """
-        used = sheet.exact(("UsedInFix",))
+        used = reader.exact(("UsedInFix",))
         columns: Columns = {
-            **android.satellites(sheet).columns,
-            "cn0_dbhz": positive(sheet.floats("Cn0DbHz")),
-            "elevation_deg": sheet.floats("ElevationDegrees"),
-            "azimuth_deg": sheet.floats("AzimuthDegrees"),
+            **android.satellites(reader).columns,
+            "cn0_dbhz": positive(reader.floats("Cn0DbHz")),
+            "elevation_deg": reader.floats("ElevationDegrees"),
+            "azimuth_deg": reader.floats("AzimuthDegrees"),
             **held((used[0] != 0, used[1]), "used"),
-            **sheet.account(),
+            **reader.account(),
         }
-        index = sheet.exact(("SignalIndex",))[0]
+        index = reader.exact(("SignalIndex",))[0]
         columns["time_ns"], timed = self._order.epochs(columns["offset"], index)
-        yield from rejects(columns, sheet.bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~timed & ~sheet.bad, NO_TIME)
-        yield from self._signals.push(take(columns, timed & ~sheet.bad))
+        yield from rejects(columns, reader.bad, NOT_A_NUMBER)
+        yield from rejects(columns, ~timed & ~reader.bad, NO_TIME)
+        yield from self._signals.push(take(columns, timed & ~reader.bad))
 
-    def navigation(self, sheet: Sheet) -> Iterator[Item]:
+    def navigation(self, reader: ColumnReader) -> Iterator[Item]:
         """Take navigation messages; their time is that of the timed row before them."""
-        kind, has_kind = sheet.exact(("Type",))
-        svid = sheet.exact(("Svid",))
+        kind, has_kind = reader.exact(("Type",))
+        svid = reader.exact(("Svid",))
         signals = {
             number: android.SIGNALS.index(signal) for number, signal in _MESSAGE_SIGNALS.items()
         }
@@ -143,11 +148,11 @@ class Chip:
                 "svid",
             ),
             "signal": np.array([signals.get(number, -1) for number in kind.tolist()], np.int32),
-            **sheet.account(),
+            **reader.account(),
         }
-        columns["subframe"], bad = _bytes(sheet.rows, sheet.places.get("Data(Bytes)", 6))
+        columns["subframe"], bad = _bytes(reader.rows, reader.places.get("Data(Bytes)", 6))
         columns["time_ns"], timed = self._order.times(columns["offset"])
-        bad |= sheet.bad
+        bad |= reader.bad
         yield from rejects(columns, bad, NOT_A_NUMBER)
         yield from rejects(columns, ~timed & ~bad, NO_TIME)
         yield from self._navdata.push(take(columns, timed & ~bad))
@@ -174,14 +179,14 @@ class Chip:
             about["clock_bias_origin_ns"] = str(self._bias_origin_ns)
         return {self.source: about}
 
-    def _bias(self, sheet: Sheet, times: android.Times) -> Columns:
+    def _bias(self, reader: ColumnReader, times: android.Times) -> Columns:
         """Return the clock's bias beyond that of the first row that has one, for doubles of decades
         have no nanoseconds.
         """
-        full = sheet.exact(("FullBiasNanos",))[0]
+        full = reader.exact(("FullBiasNanos",))[0]
         if self._bias_origin_ns is None and times.known.any():
             self._bias_origin_ns = int(full[np.argmax(times.known)])
-        beyond = full - (self._bias_origin_ns or 0) + np.nan_to_num(sheet.floats("BiasNanos"))
+        beyond = full - (self._bias_origin_ns or 0) + np.nan_to_num(reader.floats("BiasNanos"))
         return {"bias_s": np.where(times.known, beyond * 1e-9, np.nan)}
 
     def _epochs(self, columns: Columns) -> Iterator[Item]:
@@ -264,7 +269,7 @@ def _bytes(rows: Rows, place: int) -> tuple[NDArray[np.object_], NDArray[np.bool
     for width in np.unique(rows.widths).tolist():
         mine = np.flatnonzero(rows.widths == width)
         cells = (rows.firsts[mine][:, None] + np.arange(place, width)).reshape(-1)
-        values, present, wrong = parsing.scaled(
+        values, present, wrong = numbers.scaled(
             Cells(rows.lines.octets, rows.starts[cells], rows.ends[cells])
         )
         wrong = wrong | ~present | (values < -128) | (values > 255)

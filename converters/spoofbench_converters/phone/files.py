@@ -10,9 +10,9 @@ from typing import IO
 
 from spoofbench.conversion import Block, Reject, Rejects, Source
 from spoofbench.errors import ConversionError
-from spoofbench_converters.phone.lines import BOM, Lines, read_lines, split
-from spoofbench_converters.phone.sheets import WRONG_WIDTH, Sheet
-from spoofbench_converters.phone.streams import used
+from spoofbench_converters.phone.merging import used
+from spoofbench_converters.text.columns import WRONG_WIDTH, ColumnReader
+from spoofbench_converters.text.lines import BOM, Lines, read_lines, split
 
 HEAD_BYTES = 2**16
 NO_KIND = "a file of no kind in the schema"
@@ -22,7 +22,7 @@ _TEXT = re.compile(r"\.(csv|txt|tsv)(\.(gz|zst|bz2|xz))?$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class Part:
+class LogFile:
     """A file of a log; ``origin`` is where it begins in the log, its files joined in the order of
     their names.
     """
@@ -48,7 +48,7 @@ class Part:
         return Reject(self.origin, self.size, reason)
 
 
-def parts_of(source: Source) -> list[Part]:
+def parts_of(source: Source) -> list[LogFile]:
     """Return a log's files, as large as the archive's directory or the disk says; that of a lone
     file is not known.
 
@@ -56,11 +56,13 @@ def parts_of(source: Source) -> list[Part]:
         ConversionError: the archive's directory cannot be read.
     """
     if not source.path.is_dir() and not source.is_archive:
-        return [Part("", 0, 0, source.open)]
-    return [Part(member.name, 0, member.size, member.open) for member in source.members().values()]
+        return [LogFile("", 0, 0, source.open)]
+    return [
+        LogFile(member.name, 0, member.size, member.open) for member in source.members().values()
+    ]
 
 
-def laid_out(parts: Sequence[Part]) -> list[Part]:
+def laid_out(parts: Sequence[LogFile]) -> list[LogFile]:
     """Return a folder's or archive's files as large as they unpack to, which damage may make less,
     each with where it begins.
     """
@@ -75,14 +77,14 @@ def laid_out(parts: Sequence[Part]) -> list[Part]:
     return placed
 
 
-def text_parts(parts: Sequence[Part]) -> list[Part]:
+def text_parts(parts: Sequence[LogFile]) -> list[LogFile]:
     """Return the files that may be text, by their names within the log; a lone file may."""
     return [part for part in parts if not part.name or _TEXT.search(part.name)][:MOST_HEADS]
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
-    """The form of a table: names of its columns, what parts them, and whether numbers have a
+class HeaderSchema:
+    """The schema of a table: names of its columns, what parts them, and whether numbers have a
     decimal comma.
     """
 
@@ -91,8 +93,8 @@ class Form:
     decimal_comma: bool
 
     @classmethod
-    def of(cls, head: bytes) -> "Form":
-        """Read the form from a file's first lines; without a line there are no names."""
+    def of(cls, head: bytes) -> "HeaderSchema":
+        """Read the schema from a file's first lines; without a line there are no names."""
         header, _, rest = head.decode("utf-8", "replace").partition("\n")
         bare = re.sub(r'"[^"]*"', '""', header)
         delimiter = max(",;\t", key=bare.count)
@@ -110,13 +112,13 @@ class Form:
         return places
 
 
-def sheets(
-    part: Part, form: Form, normal: Callable[[str], str] = str
-) -> Iterator[Sheet | Block | Reject | Rejects]:
-    """Yield the rows of a table as sheets, and the account of all else: its header, blank lines,
+def read_columns(
+    part: LogFile, schema: HeaderSchema, normal: Callable[[str], str] = str
+) -> Iterator[ColumnReader | Block | Reject | Rejects]:
+    """Yield the rows of a table as readers, and the account of all else: its header, blank lines,
     lines of another width.
     """
-    places, header = form.places(normal), True
+    places, header = schema.places(normal), True
     with part.open() as file:
         for lines in read_lines(file, part.origin):
             if not isinstance(lines, Lines):
@@ -127,17 +129,17 @@ def sheets(
                 blank[:1], header = True, False
             if blank.any():
                 yield used(int(lines.lengths[blank].sum()))
-            rows = split(lines.take(~blank), form.delimiter)
-            right = rows.widths == len(form.names)
+            rows = split(lines.take(~blank), schema.delimiter)
+            right = rows.widths == len(schema.names)
             if not right.all():
                 yield Rejects(rows.lines.offsets[~right], rows.lines.lengths[~right], WRONG_WIDTH)
             if right.any():
-                yield Sheet(
-                    rows.take(right) if not right.all() else rows, places, form.decimal_comma
+                yield ColumnReader(
+                    rows.take(right) if not right.all() else rows, places, schema.decimal_comma
                 )
 
 
-def only(parts: Sequence[Part], what: str) -> Part | None:
+def only(parts: Sequence[LogFile], what: str) -> LogFile | None:
     """Return the one file there is, None where there is none.
 
     Raises:
@@ -151,7 +153,7 @@ def only(parts: Sequence[Part], what: str) -> Part | None:
     return parts[0] if parts else None
 
 
-def told(part: Part) -> Iterator[Block | Reject]:
+def told(part: LogFile) -> Iterator[Block | Reject]:
     """Yield the account of a file that told something about the log: all of its bytes."""
     length = 0
     with part.open() as file:
@@ -160,14 +162,14 @@ def told(part: Part) -> Iterator[Block | Reject]:
     yield used(length)
 
 
-def records(part: Part, most: int = 1000) -> list[dict[str, str]]:
+def records(part: LogFile, most: int = 1000) -> list[dict[str, str]]:
     """Read a small table of texts: its first rows within 64 KiB, by column name."""
     import csv
     import io
 
-    form = Form.of(part.head)
+    schema = HeaderSchema.of(part.head)
     reader = csv.DictReader(
-        io.StringIO(part.head.decode("utf-8", "replace"), newline=""), delimiter=form.delimiter
+        io.StringIO(part.head.decode("utf-8", "replace"), newline=""), delimiter=schema.delimiter
     )
     try:
         rows = [row for row, _ in zip(reader, range(most), strict=False)]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spoofbench_converters.phone import lines, parsing
-from spoofbench_converters.phone.lines import Cells, Lines
+from spoofbench_converters.text import lines, numbers
+from spoofbench_converters.text.lines import Cells, Lines
 
 from spoofbench.conversion import Reject
 
@@ -117,7 +117,7 @@ NONSENSE = ["x1", "1.2.3", "--1", "1e", "9" * 60]
     )
 )
 def test_floats_are_those_of_python(texts: list[str]) -> None:
-    values, bad = parsing.floats(column(texts))
+    values, bad = numbers.floats(column(texts))
     for text, value, wrong in zip(texts, values.tolist(), bad.tolist(), strict=True):
         if text in NONSENSE:
             assert wrong
@@ -133,7 +133,7 @@ def test_floats_are_those_of_python(texts: list[str]) -> None:
 @settings(max_examples=100, deadline=None)
 @given(texts=st.lists(decimals, min_size=1, max_size=8))
 def test_scaled_numbers_are_exact(texts: list[str], places: int) -> None:
-    values, present, bad = parsing.scaled(column(texts), places)
+    values, present, bad = numbers.scaled(column(texts), places)
     for text, value, known, wrong in zip(
         texts, values.tolist(), present.tolist(), bad.tolist(), strict=True
     ):
@@ -154,12 +154,12 @@ def test_scaled_numbers_are_exact(texts: list[str], places: int) -> None:
     places=st.integers(0, 3),
 )
 def test_what_is_no_number_is_told(texts: list[str], places: int) -> None:
-    numbers, scaled = parsing.floats(column(texts)), parsing.scaled(column(texts), places)
-    assert scaled.bad.tolist() == numbers.bad.tolist()
-    assert scaled.present.tolist() == (~np.isnan(numbers.values)).tolist()
+    read, scaled = numbers.floats(column(texts)), numbers.scaled(column(texts), places)
+    assert scaled.bad.tolist() == read.bad.tolist()
+    assert scaled.present.tolist() == (~np.isnan(read.values)).tolist()
     np.testing.assert_allclose(
         scaled.values[scaled.present],
-        numbers.values[scaled.present] * 10**places,
+        read.values[scaled.present] * 10**places,
         rtol=0,
         atol=0.500001,
     )
@@ -167,22 +167,22 @@ def test_what_is_no_number_is_told(texts: list[str], places: int) -> None:
 
 def test_the_largest_numbers() -> None:
     texts = [str(2**63 - 2**10 - 1), str(2**63), "9" * 19, "9" * 20, "-" + "9" * 18, "0" * 30 + "7"]
-    values, present, bad = parsing.scaled(column(texts))
+    values, present, bad = numbers.scaled(column(texts))
     assert present.tolist() == [True, False, False, False, True, True]
     assert bad.tolist() == [not there for there in present.tolist()]
     assert values[present].tolist() == [2**63 - 2**10 - 1, -(10**18 - 1), 7]
 
 
 def test_a_number_of_nanoseconds_is_read_to_its_last_digit() -> None:
-    assert parsing.scaled(column(["1764585664362463217"])).values.tolist() == [
+    assert numbers.scaled(column(["1764585664362463217"])).values.tolist() == [
         1_764_585_664_362_463_217
     ]
-    assert parsing.scaled(column(["1764585664.362463217"]), 9).values.tolist() == [
+    assert numbers.scaled(column(["1764585664.362463217"]), 9).values.tolist() == [
         1_764_585_664_362_463_217
     ]
-    assert parsing.scaled(column(["1,5E0"]), 9, decimal_comma=True).values.tolist() == [
+    assert numbers.scaled(column(["1,5E0"]), 9, decimal_comma=True).values.tolist() == [
         1_500_000_000
     ]
-    assert parsing.scaled(column(["1.764585664362463E18"])).values.tolist() == [
+    assert numbers.scaled(column(["1.764585664362463E18"])).values.tolist() == [
         1_764_585_664_362_463_000
     ]

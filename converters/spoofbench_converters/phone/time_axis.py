@@ -23,7 +23,7 @@ Stamps = tuple[NDArray[np.int64], NDArray[np.bool_]]
 
 
 @dataclass(slots=True)
-class Axis:
+class ElapsedTimeAxis:
     """Times of rows on the recording's clock.
 
     Attributes:
@@ -41,7 +41,7 @@ class Axis:
     _last: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     @classmethod
-    def of(cls, sensors: Pairs, fixes: Pairs, raw: Pairs) -> "Axis":
+    def of(cls, sensors: Pairs, fixes: Pairs, raw: Pairs) -> "ElapsedTimeAxis":
         """Lay the axis by the first rows that have both clocks: the sensors', else the fixes', else
         the raw measurements'.
         """
@@ -110,7 +110,7 @@ def _median(values: NDArray[np.int64]) -> int | None:
 
 
 @dataclass(slots=True)
-class Steps:
+class ClockDeviation:
     """How far the logged clock strays from the axis, and where it steps."""
 
     low_ns: int | None = None

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench_converters.phone.lines import Cells
+from spoofbench_converters.text.lines import Cells
 
 LONGEST_NUMBER = 48
 _ABSENT = ("", "null", "NULL", "nan", "NaN", "None", "N/A", "inf", "-inf", "Infinity", "-Infinity")

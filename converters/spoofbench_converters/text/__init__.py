@@ -1,0 +1,3 @@
+"""Delimited text, shared by converters: lines and records in bounded memory, cells as numbers and
+words, and an account of every byte.
+"""
