@@ -16,6 +16,7 @@ ORDER = [
     "schema",
     "table",
     "recording",
+    "navigation",
     "codec",
     "plugins",
     "conversion",
