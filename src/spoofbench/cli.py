@@ -260,7 +260,7 @@ def attack(
     as_json: AsJson = False,
 ) -> None:
     """Write a spoofed variant with its truth."""
-    from spoofbench.attacks.files import attack_file
+    from spoofbench.attacks.contract import attack_file
 
     if out.resolve() in {clean.resolve() for clean in (file, *(donors or []))}:
         raise typer.BadParameter(

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
-from spoofbench.attacks.files import attack_file
+from spoofbench.attacks.contract import attack_file
 from spoofbench.conversion import convert
 from spoofbench.errors import SpoofbenchError
 from spoofbench.report import write_site

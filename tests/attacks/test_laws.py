@@ -245,22 +245,26 @@ def _shaken(clean: Recording, window: Interval) -> Recording:
 
 
 BROKEN: dict[str, Callable[[Recording, Interval], Any]] = {
-    "rows outside the window stay": _late,
-    "the victim's log times stay": _moved_stamps,
-    "what is not GNSS-derived stays": _shaken,
-    "the topics are the victim's": lambda clean, _: clean.replace({"/gnss7/gnss/pvt": clean[PVT]}),
-    "the metadata stay": lambda clean, _: clean.with_metadata({"recording": {"clock": "gnss"}}),
-    "a topic keeps its kind": lambda clean, _: clean.replace({PVT: clean["/gnss0/gnss/clock"]}),
-    "the victim's claimed times stay": _with(
+    "must keep the rows outside the window": _late,
+    "must keep the victim's log times": _moved_stamps,
+    "must change GNSS-derived topics only": _shaken,
+    "must not add topics": lambda clean, _: clean.replace({"/gnss7/gnss/pvt": clean[PVT]}),
+    "must keep the metadata": lambda clean, _: clean.with_metadata(
+        {"recording": {"clock": "gnss"}}
+    ),
+    "must keep the kind of a topic": lambda clean, _: clean.replace(
+        {PVT: clean["/gnss0/gnss/clock"]}
+    ),
+    "must keep the times that the victim claims": _with(
         "tow_s", lambda table, inside: table["tow_s"] + inside
     ),
-    "the victim reports the fields that it always reports": _with(
+    "must not fill fields that the victim never reports": _with(
         "pdop", lambda table, inside: np.where(inside, 1.0, np.nan)
     ),
-    "speed and course belong to velocity": _with(
+    "must let speed and course agree with velocity": _with(
         "vel_n_mps", lambda table, inside: table["vel_n_mps"] + 5.0 * inside
     ),
-    "both heights belong together": _with(
+    "must move both heights alike": _with(
         "height_m", lambda table, inside: table["height_m"] + 5.0 * inside
     ),
 }

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from spoofbench.attacks import attackable_span, make_variant
 from spoofbench.attacks.extrapolation import Extrapolate
+from spoofbench.attacks.pvt import nearest_rows
 from spoofbench.attacks.replay import Meacon, RepeatBack, Replay
-from spoofbench.attacks.rows import nearest_rows
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording
 from spoofbench.table import Column, Table

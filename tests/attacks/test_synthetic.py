@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from spoofbench.attacks import Attack, make_variant
 from spoofbench.attacks.extrapolation import Extrapolate, ExtrapolateSmooth
-from spoofbench.attacks.motion import epochs_s, metres_per_unit, motion_of
+from spoofbench.attacks.pvt import epochs_s, metres_per_unit, motion_of
 from spoofbench.attacks.synthetic import DragOff, ZeroAcceleration
 from spoofbench.recording import Interval, Recording
 from spoofbench.table import Table

@@ -1,24 +1,23 @@
-"""The attack's contract: a clean recording in, a falsified one out.
+"""The attack's contract: a clean recording in, an attacked one out.
 
 An attack is a frozen dataclass whose fields are its parameters, behind an entry point of the group
-``spoofbench.attacks``. It returns falsified tables and nothing more; :func:`make_variant` holds it to
-the laws, removes what it does not model, rounds, and writes the truth.
+``spoofbench.attacks``. It returns attacked tables and nothing more; :func:`make_variant` holds them
+to the laws, removes what the attack does not model, rounds, and writes the truth.
+:func:`attack_file` does so from file to file.
 """
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from spoofbench.attacks.laws import (
-    AttackedTable,
-    check_consistency,
-    check_only_gnss_changed,
-    falsified,
-)
+from spoofbench import plugins
+from spoofbench.attacks.laws import attacked_tables
+from spoofbench.codec import read, write
 from spoofbench.errors import NotApplicable, PluginError, SpoofbenchError
 from spoofbench.recording import Interval, Recording
 from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
@@ -27,7 +26,7 @@ from spoofbench.table import Table
 
 @runtime_checkable
 class Attack(Protocol):
-    """A spoofing attack on a recording; it refuses parameters that make no sense by ``ValueError``.
+    """A spoofing attack on a recording; it refuses invalid parameters by ``ValueError``.
 
     Attributes:
         models: the GNSS kinds whose change it models; other GNSS-derived kinds leave the variant.
@@ -154,8 +153,13 @@ def make_variant(
     rng = np.random.default_rng(
         _hash([seed, name, parameters, base_ids, window.start_ns, window.end_ns])
     )
-    attacked = _applied(name, attack, clean, window, rng, donors)
-    results = _held_to_the_laws(name, attack, clean, attacked, window, donors)
+    attacked = _apply(name, attack, clean, window, rng, donors)
+    try:
+        results = attacked_tables(
+            clean, attacked, window, attack.models, donors, about_time=attack.attack_class == "time"
+        )
+    except PluginError as error:
+        raise PluginError(f"attack {name!r}: {error}") from error
     changed = {topic: result.changed_ns for topic, result in results.items() if result.changed_ns}
     if not changed:
         raise NotApplicable(
@@ -193,7 +197,9 @@ def parameters_of(name: str, attack: Attack) -> str:
     Raises:
         PluginError: the attack does not keep the contract's form; says how.
     """
-    if not _is_attack(attack):
+    given: object = attack
+    is_instance = is_dataclass(given) and not isinstance(given, type)
+    if not (is_instance and isinstance(given, Attack)):
         raise PluginError(
             f"attack {name!r} is not an instance of a dataclass with all members of "
             "spoofbench.attacks.Attack"
@@ -218,7 +224,7 @@ def parameters_of(name: str, attack: Attack) -> str:
         ) from error
 
 
-def _applied(
+def _apply(
     name: str,
     attack: Attack,
     clean: Recording,
@@ -257,41 +263,84 @@ def _applied(
     return returned
 
 
-def _held_to_the_laws(
-    name: str,
-    attack: Attack,
-    clean: Recording,
-    attacked: Recording,
-    window: Interval,
-    donors: Sequence[Recording],
-) -> Mapping[str, AttackedTable]:
-    try:
-        check_only_gnss_changed(clean, attacked)
-        results: dict[str, AttackedTable] = {}
-        for topic in attacked:
-            if split_topic(topic)[1] not in attack.models:
-                continue
-            results[topic] = falsified(
-                clean[topic], attacked[topic], window, attack.attack_class == "time"
-            )
-            if clean[topic].kind.name == "gnss/pvt":
-                genuine = [
-                    clean[topic],
-                    *(donor[other] for donor in donors for other in donor.topics("gnss/pvt")),
-                ]
-                check_consistency(attacked[topic], window, genuine)
-    except PluginError as error:
-        raise PluginError(f"attack {name!r}: {error}") from error
-    return results
-
-
-def _is_attack(attack: object) -> bool:
-    return is_dataclass(attack) and not isinstance(attack, type) and isinstance(attack, Attack)
-
-
 def _canonical(value: Any) -> str:
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def _hash(value: Any) -> int:
     return int.from_bytes(hashlib.sha256(_canonical(value).encode()).digest())
+
+
+def attack_file(
+    file: Path,
+    out: Path,
+    name: str,
+    parameters: Mapping[str, Any],
+    donors: Sequence[Path] = (),
+    *,
+    start_s: float | None = None,
+    duration_s: float = 120.0,
+    seed: int = 0,
+) -> list[dict[str, Any]]:
+    """Write the variant of a recording under an attack, and return its truth rows.
+
+    Args:
+        file, out: clean recording and variant.
+        name, parameters: the attack's entry point and fields.
+        donors: recordings that it may take signals from.
+        start_s: of the window, after the recording's first row; None draws it by the seed.
+        duration_s: of the window.
+        seed: of the window and of whatever the attack draws.
+
+    Returns:
+        Rows of ``/truth/attack`` as dictionaries, with ``start_s`` and ``end_s`` after the first
+        row added.
+
+    Raises:
+        PluginError: there is no such attack or parameter, or it breaks a law.
+        NotApplicable: it cannot be made on this recording.
+        FormatError: a file is no recording.
+    """
+    attack = plugins.make(plugins.ATTACKS, name, parameters)
+    clean, given = read(file), [read(donor) for donor in donors]
+    if start_s is None:
+        window = draw_window(
+            seed, clean.digest(), seed, attackable_span(attack, clean, given), duration_s
+        )
+    else:
+        window = _window(clean, start_s, duration_s)
+    variant = make_variant(name, attack, clean, window, seed, given)
+    write(variant, out)
+    first_ns = clean.span.start_ns
+    return [
+        {
+            **row,
+            "start_s": (row["start_ns"] - first_ns) / 1e9,
+            "end_s": (row["end_ns"] - first_ns) / 1e9,
+        }
+        for row in _truth_rows(variant)
+    ]
+
+
+def _window(clean: Recording, start_s: float, duration_s: float) -> Interval:
+    span = clean.span
+    start_ns, end_ns = (
+        span.start_ns + round(seconds * 1e9) for seconds in (start_s, start_s + duration_s)
+    )
+    if not span.start_ns <= start_ns < end_ns <= span.end_ns:
+        raise NotApplicable(
+            f"an attack from {start_s!r} s for {duration_s!r} s does not lie within the "
+            f"recording's {span.duration_s:.1f} s"
+        )
+    return Interval(start_ns, end_ns)
+
+
+def _truth_rows(variant: Recording) -> list[dict[str, Any]]:
+    if TRUTH_TOPIC not in variant:
+        return []
+    table = variant[TRUTH_TOPIC]
+    columns = {
+        name: table[name].tolist() if table.column(name).words is None else table.words(name)
+        for name in table
+    }
+    return [{name: values[row] for name, values in columns.items()} for row in range(len(table))]

@@ -6,27 +6,28 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-from spoofbench.attacks.laws import Rows
-from spoofbench.attacks.motion import Floats, Motion, epochs_s, interval_s, motion_of, with_motion
-from spoofbench.attacks.rows import (
+from spoofbench.arrays import Bools, Floats, Indices
+from spoofbench.attacks.pvt import (
     PVT,
-    Delayed,
+    DelayedAttack,
+    GeodeticMotion,
     delayed_rows,
+    epochs_s,
+    interval_s,
+    motion_of,
     require_delay,
     rows_within,
-    supply_from,
+    span_with_history,
+    with_motion,
     with_rows_of,
 )
 from spoofbench.recording import Interval, Recording
 from spoofbench.table import Table
 
-Flags = NDArray[np.bool_]
-
 
 @dataclass(frozen=True, slots=True)
-class Extrapolate(Delayed):
+class Extrapolate(DelayedAttack):
     """Linear extrapolation over the delay: ``y(t) = y(t-d) + d (y(t-d) - y(t-d-dt)) / dt``.
 
     The slope is taken over one sample of the delayed series: one 10 Hz sample in Lo et al. (2017;
@@ -41,7 +42,7 @@ class Extrapolate(Delayed):
     attack_class: ClassVar[str] = "extrapolation"
 
     def attackable_span(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
-        return supply_from(clean, _history_s(clean, self.delay_s))
+        return span_with_history(clean, _history_s(clean, self.delay_s))
 
     def apply(
         self,
@@ -65,12 +66,12 @@ class ExtrapolateSmooth(Extrapolate):
     smooth_s: float = 4.0
 
     def __post_init__(self) -> None:
-        Delayed.__post_init__(self)
+        DelayedAttack.__post_init__(self)
         if not (np.isfinite(self.smooth_s) and self.smooth_s > 0):
             raise ValueError(f"smooth_s must be finite and above 0, not {self.smooth_s!r}")
 
     def attackable_span(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
-        return supply_from(clean, _history_s(clean, self.delay_s) + self.smooth_s)
+        return span_with_history(clean, _history_s(clean, self.delay_s) + self.smooth_s)
 
     def apply(
         self,
@@ -118,7 +119,9 @@ def _predicted_table(table: Table, window: Interval, delay_s: float, smooth_s: f
     return with_motion(replayed, moved)
 
 
-def _extrapolated(motion: Motion, epoch: Floats, delayed: Rows) -> tuple[Motion, Flags]:
+def _extrapolated(
+    motion: GeodeticMotion, epoch: Floats, delayed: Indices
+) -> tuple[GeodeticMotion, Bools]:
     """The series of the extrapolation at every row, and where it exists."""
     before = delayed - 1
     step = epoch[delayed] - epoch[before]
@@ -130,12 +133,12 @@ def _extrapolated(motion: Motion, epoch: Floats, delayed: Rows) -> tuple[Motion,
     lost = np.isfinite(motion.position[delayed]) & ~np.isfinite(position) | np.isfinite(
         motion.rate[delayed]
     ) & ~np.isfinite(rate)
-    return Motion(position, rate), known & ~lost.any(axis=1)
+    return GeodeticMotion(position, rate), known & ~lost.any(axis=1)
 
 
 def _trailing_mean(
-    series: Motion, exists: Flags, epoch: Floats, samples: int
-) -> tuple[Motion, Flags]:
+    series: GeodeticMotion, exists: Bools, epoch: Floats, samples: int
+) -> tuple[GeodeticMotion, Bools]:
     """The mean over the last ``samples`` rows, and where it exists: all of them do, and there is no
     gap between them.
     """
@@ -152,6 +155,6 @@ def _trailing_mean(
     lost = np.isfinite(series.position) & ~np.isfinite(position) | np.isfinite(
         series.rate
     ) & ~np.isfinite(rate)
-    return Motion(position, rate), np.concatenate([np.zeros(samples - 1, bool), whole]) & ~lost.any(
-        axis=1
-    )
+    return GeodeticMotion(position, rate), np.concatenate(
+        [np.zeros(samples - 1, bool), whole]
+    ) & ~lost.any(axis=1)

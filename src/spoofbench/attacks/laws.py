@@ -6,32 +6,67 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spoofbench.attacks.motion import Floats
+from spoofbench.arrays import Bools, Floats, Indices, Times
 from spoofbench.attacks.resolution import resolutions
 from spoofbench.errors import PluginError
 from spoofbench.recording import Interval, Recording
 from spoofbench.schema import KINDS, split_topic
 from spoofbench.table import Column, Table, encode_words
 
-GENUINE = ("receive_time_ns", "gps_week", "tow_s", "time_valid")
+CLAIMED_TIME_FIELDS = ("receive_time_ns", "gps_week", "tow_s", "time_valid")
 """Fields that stay the victim's own unless the attack's class is ``time``."""
 
 _VELOCITY_TOLERANCE_MPS = 0.01
 _HEIGHT_TOLERANCE_M = 0.1
 
-Rows = NDArray[np.intp]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AttackedTable:
-    """A table that keeps the laws, and the times of its first and last changed or deleted row; None
-    where there is none.
+    """A table that keeps the laws.
+
+    Attributes:
+        table: rounded to the resolution of the clean columns.
+        changed_ns: times of the first and last changed or deleted row; None where there is none.
     """
 
     table: Table
     changed_ns: tuple[int, int] | None
+
+
+def attacked_tables(
+    clean: Recording,
+    attacked: Recording,
+    window: Interval,
+    models: frozenset[str],
+    donors: Sequence[Recording] = (),
+    *,
+    about_time: bool = False,
+) -> dict[str, AttackedTable]:
+    """Hold what an attack returned to the laws, and round it; the modelled topics by name.
+
+    Args:
+        clean: what was attacked.
+        attacked: what the attack returned.
+        window: where it may change rows.
+        models: kinds that it models.
+        donors: recordings that it took rows from: their rows fit as genuine ones do.
+        about_time: whether it may change the times that the receiver claims.
+
+    Raises:
+        PluginError: a law is broken; says which, where, and what to do.
+    """
+    check_only_gnss_changed(clean, attacked)
+    results = {
+        topic: _attacked_table(clean[topic], attacked[topic], window, about_time)
+        for topic in attacked
+        if split_topic(topic)[1] in models
+    }
+    for topic in results:
+        if clean[topic].kind.name == "gnss/pvt":
+            others = [donor[other] for donor in donors for other in donor.topics("gnss/pvt")]
+            check_consistency(attacked[topic], window, [clean[topic], *others])
+    return results
 
 
 def check_only_gnss_changed(clean: Recording, attacked: Recording) -> None:
@@ -41,85 +76,80 @@ def check_only_gnss_changed(clean: Recording, attacked: Recording) -> None:
     Raises:
         PluginError: a law is broken; says which.
     """
-    strange = sorted(set(attacked) - set(clean))
-    if strange:
-        raise _broken(
-            "the topics are the victim's", f"{strange[0]!r} is not in the clean recording"
-        )
+    added = sorted(set(attacked) - set(clean))
+    if added:
+        raise _broken("must not add topics", f"{added[0]!r} is not in the clean recording")
     for topic in clean:
         if KINDS[split_topic(topic)[1]].is_gnss_derived:
             continue
         if topic not in attacked or not (
             attacked[topic] is clean[topic] or attacked[topic] == clean[topic]
         ):
-            raise _broken("what is not GNSS-derived stays", f"{topic!r} has changed")
+            raise _broken("must change GNSS-derived topics only", f"{topic!r} has changed")
     if attacked.metadata != clean.metadata:
         raise _broken(
-            "the metadata stay", "they have changed; return clean.replace(...), which keeps them"
+            "must keep the metadata", "they have changed; return clean.replace(...), which does"
         )
 
 
-def falsified(clean: Table, attacked: Table, window: Interval, about_time: bool) -> AttackedTable:
+def _attacked_table(
+    clean: Table, attacked: Table, window: Interval, about_time: bool
+) -> AttackedTable:
     """Hold a topic's attacked rows to the laws and round their values to the resolution of the
     clean columns.
-
-    Raises:
-        PluginError: a law is broken; says which.
     """
     if attacked.kind.name != clean.kind.name:
         raise _broken(
-            "a topic keeps its kind", f"{clean.kind.name!r} has become {attacked.kind.name!r}"
+            "must keep the kind of a topic",
+            f"{clean.kind.name!r} has become {attacked.kind.name!r}",
         )
     for name in attacked:
         if attacked.has(name) and not clean.has(name):
-            raise _broken(
-                "the victim reports the fields that it always reports", f"{name!r} is new"
-            )
+            raise _broken("must not fill fields that the victim never reports", f"{name!r} is new")
     first, last = (
         int(row) for row in np.searchsorted(clean.time_ns, (window.start_ns, window.end_ns))
     )
     inside = attacked.between(window.start_ns, window.end_ns)
-    _outside_is_the_same(clean, attacked, window)
+    _check_rows_outside(clean, attacked, window)
     matched = first + _matched(clean.time_ns[first:last], inside.time_ns)
     genuine = clean.take(matched)
     if not about_time:
-        for name in GENUINE:
+        for name in CLAIMED_TIME_FIELDS:
             if name in clean.kind.fields and differing(genuine, inside, name).any():
                 raise _broken(
-                    "the victim's claimed times stay",
-                    f"{name!r} has changed, but the attack's class is not 'time'",
+                    "must keep the times that the victim claims",
+                    f"{name!r} has changed, which only an attack of the class 'time' may do",
                 )
     columns, changed = _rounded(clean, genuine, inside)
     kept = np.concatenate([np.arange(first), matched, np.arange(last, len(clean))])
     deleted = np.setdiff1d(np.arange(first, last), matched)
-    base = clean if kept.size == len(clean) else clean.take(kept)
-    table = (
-        base.replace(
-            **{name: _inserted(base, name, column, first) for name, column in columns.items()}
+    table = clean if kept.size == len(clean) else clean.take(kept)
+    if columns:
+        table = table.replace(
+            **{name: _inserted(table, name, column, first) for name, column in columns.items()}
         )
-        if columns
-        else base
-    )
     touched = np.concatenate([genuine.time_ns[changed], clean.time_ns[deleted]])
     return AttackedTable(table, (int(touched.min()), int(touched.max())) if touched.size else None)
 
 
-def _outside_is_the_same(clean: Table, attacked: Table, window: Interval) -> None:
+def _check_rows_outside(clean: Table, attacked: Table, window: Interval) -> None:
     was, now = (table.take(~window.covers(table.time_ns)) for table in (clean, attacked))
     if not np.array_equal(was.time_ns, now.time_ns):
-        raise _broken("rows outside the window stay", "rows were added, removed or moved in time")
+        raise _broken(
+            "must keep the rows outside the window", "rows were added, removed or moved in time"
+        )
     for name in {*was, *now}:
         rows_changed = differing(was, now, name)
         if rows_changed.any():
             raise _broken(
-                "rows outside the window stay",
+                "must keep the rows outside the window",
                 f"{name!r} at {int(was.time_ns[np.argmax(rows_changed)])} ns has changed",
             )
 
 
-def _matched(genuine_ns: NDArray[np.int64], attacked_ns: NDArray[np.int64]) -> Rows:
-    """Row of the clean window that each attacked row stands for: the same time, and of rows at one
-    time the same count.
+def _matched(genuine_ns: Times, attacked_ns: Times) -> Indices:
+    """Return the row of the clean window that each attacked row stands for: that of the same time,
+    and of several at one time, the one of the same number; ``(n,)``.
     """
     count = np.arange(attacked_ns.size) - np.searchsorted(attacked_ns, attacked_ns, "left")
     rows = np.searchsorted(genuine_ns, attacked_ns, "left") + count
@@ -131,15 +161,15 @@ def _matched(genuine_ns: NDArray[np.int64], attacked_ns: NDArray[np.int64]) -> R
     )
     if not known.all():
         raise _broken(
-            "the victim's log times stay",
+            "must keep the victim's log times",
             f"the clean recording has no such row at {int(attacked_ns[np.argmin(known)])} ns",
         )
     return rows
 
 
-def differing(a: Table, b: Table, name: str) -> NDArray[np.bool_]:
-    """Which rows of two tables of equal length differ in a field, bit by bit; any two absent values
-    are equal.
+def differing(a: Table, b: Table, name: str) -> Bools:
+    """Return which rows of two tables of equal length differ in a field, bit by bit; any two absent
+    values are equal; ``(n,)``.
     """
     one, other = a.column(name), b.column(name)
     if one.values is other.values and one.valid is other.valid and one.words == other.words:
@@ -153,10 +183,8 @@ def differing(a: Table, b: Table, name: str) -> NDArray[np.bool_]:
     )
 
 
-def _rounded(
-    clean: Table, genuine: Table, attacked: Table
-) -> tuple[dict[str, Column], NDArray[np.bool_]]:
-    """The columns that differ from the genuine rows', rounded, and which rows do."""
+def _rounded(clean: Table, genuine: Table, attacked: Table) -> tuple[dict[str, Column], Bools]:
+    """Return the columns that differ from the genuine rows', rounded, and which rows do."""
     columns: dict[str, Column] = {}
     changed = np.zeros(len(genuine), bool)
     different = {
@@ -202,26 +230,22 @@ def check_consistency(attacked: Table, window: Interval, genuine: Sequence[Table
     """
     rows = attacked.between(window.start_ns, window.end_ns)
     checks = (
-        ("speed and course belong to velocity", _stray_mps, _VELOCITY_TOLERANCE_MPS),
-        ("both heights belong together", _separation_m, _HEIGHT_TOLERANCE_M),
+        ("must let speed and course agree with velocity", _stray_mps, _VELOCITY_TOLERANCE_MPS),
+        ("must move both heights alike", _separation_m, _HEIGHT_TOLERANCE_M),
     )
-    for law, measure, tolerance in checks:
+    for rule, measure, tolerance in checks:
         strays = measure(rows)
         if np.isnan(strays).all():
             continue
         usual = np.concatenate([measure(table) for table in genuine])
-        low, high = (
-            np.nanmin(usual, initial=np.inf) - tolerance,
-            np.nanmax(usual, initial=-np.inf) + tolerance,
-        )
-        if np.any((strays < low) | (strays > high)):
-            row = int(np.argmax((strays < low) | (strays > high)))
+        low = np.nanmin(usual, initial=np.inf) - tolerance
+        high = np.nanmax(usual, initial=-np.inf) + tolerance
+        outside = (strays < low) | (strays > high)
+        if outside.any():
             raise _broken(
-                law,
-                (
-                    f"those at {int(rows.time_ns[row])} ns do not; "
-                    "spoofbench.attacks.motion.with_motion keeps them together"
-                ),
+                rule,
+                f"those at {int(rows.time_ns[np.argmax(outside)])} ns do not fit; "
+                "spoofbench.attacks.pvt.with_motion keeps them together",
             )
 
 
@@ -241,5 +265,5 @@ def _separation_m(pvt: Table) -> Floats:
     return np.asarray(pvt["height_m"] - pvt["height_msl_m"], np.float64)
 
 
-def _broken(law: str, how: str) -> PluginError:
-    return PluginError(f"the law {law!r} is broken: {how}")
+def _broken(rule: str, finding: str) -> PluginError:
+    return PluginError(f"an attack {rule}: {finding}")

@@ -8,18 +8,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from spoofbench.attacks.motion import interval_s
-from spoofbench.attacks.rows import (
+from spoofbench.attacks.pvt import (
     PVT,
     SAME_RATE,
-    Delayed,
+    DelayedAttack,
     delayed_rows,
+    interval_s,
     nearest_rows,
     require_at_least_0,
     require_delay,
     rows_in_step,
     rows_within,
-    supply_from,
+    span_with_history,
     with_rows_of,
 )
 from spoofbench.errors import NotApplicable
@@ -28,7 +28,7 @@ from spoofbench.table import Table
 
 
 @dataclass(frozen=True, slots=True)
-class _DelayedRows(Delayed):
+class _DelayedRows(DelayedAttack):
     """Whole rows of the receiver's own as of ``delay_s`` earlier, rounded to whole epochs.
 
     An epoch without such a row is deleted.
@@ -37,7 +37,7 @@ class _DelayedRows(Delayed):
     attack_class: ClassVar[str] = "replay"
 
     def attackable_span(self, clean: Recording, donors: Sequence[Recording] = ()) -> Interval:
-        return supply_from(clean, self.delay_s)
+        return span_with_history(clean, self.delay_s)
 
     def apply(
         self,

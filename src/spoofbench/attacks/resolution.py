@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Floats
 from spoofbench.table import Table
 
-Floats = NDArray[np.float64]
 Writing = Callable[[Floats], Floats]
 """Takes numbers and gives the nearest ones that the receiver could have written; what it wrote
 stays as it is.

@@ -8,16 +8,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from spoofbench.attacks.laws import Rows
-from spoofbench.attacks.motion import (
-    Floats,
-    Motion,
+from spoofbench.arrays import Floats, Indices
+from spoofbench.attacks.pvt import (
+    PVT,
+    GeodeticMotion,
     epochs_s,
     metres_per_unit,
     motion_of,
+    require_at_least_0,
+    rows_within,
     with_motion,
 )
-from spoofbench.attacks.rows import PVT, require_at_least_0, rows_within
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording
 from spoofbench.table import Table
@@ -78,7 +79,7 @@ class ZeroAcceleration:
         share = np.sqrt(1 - (1 - self.strength) ** 2)
         slope = (motion.position[last] - motion.position[before]) / (epoch[last] - epoch[before])
         steady = np.where(np.isfinite(motion.rate[last]), motion.rate[last], slope)
-        held = Motion(
+        held = GeodeticMotion(
             motion.position[last] + steady * elapsed, np.broadcast_to(steady, noise.rate.shape)
         )
         position, rate = motion.position.copy(), motion.rate.copy()
@@ -87,10 +88,10 @@ class ZeroAcceleration:
             (rate, held.rate, noise.rate),
         ):
             ours[rows] += self.strength * (made - ours[rows]) + share * stray
-        return with_motion(table, Motion(position, rate))
+        return with_motion(table, GeodeticMotion(position, rate))
 
 
-def _last_known(motion: Motion, epoch: Floats, row: int) -> tuple[int, int]:
+def _last_known(motion: GeodeticMotion, epoch: Floats, row: int) -> tuple[int, int]:
     """The last two epochs before this row that have all the position and velocity components that
     any row has.
     """
@@ -103,14 +104,16 @@ def _last_known(motion: Motion, epoch: Floats, row: int) -> tuple[int, int]:
     return int(earlier[-1]), int(known[-1])
 
 
-def _speeds(motion: Motion) -> Floats:
+def _speeds(motion: GeodeticMotion) -> Floats:
     """Level speed (m/s), ``(n,)``."""
     return np.asarray(
         np.hypot(*(motion.rate * metres_per_unit(motion.position))[:, :2].T), np.float64
     )
 
 
-def _residuals(motion: Motion, epoch: Floats, rows: Rows, faster: Floats, draw: float) -> Motion:
+def _residuals(
+    motion: GeodeticMotion, epoch: Floats, rows: Indices, faster: Floats, draw: float
+) -> GeodeticMotion:
     """Rows outside the window less their local parabola, as many as the window has, in their order
     from a drawn one on.
 
@@ -140,7 +143,7 @@ def _residuals(motion: Motion, epoch: Floats, rows: Rows, faster: Floats, draw: 
             "no five regular epochs outside the window show what the receiver's noise is"
         )
     drawn = np.nan_to_num(pool[(int(draw * len(pool)) + np.arange(rows.size)) % len(pool)])
-    return Motion(drawn[:, :3], drawn[:, 3:])
+    return GeodeticMotion(drawn[:, :3], drawn[:, 3:])
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +218,7 @@ class DragOff:
         position, speed = motion.position.copy(), motion.rate.copy()
         position[rows] += offset * unit / metres
         speed[rows] += rate * unit / metres
-        return with_motion(table, Motion(position, speed))
+        return with_motion(table, GeodeticMotion(position, speed))
 
 
 def _ramp(elapsed: Floats, ramp_s: float) -> tuple[Floats, Floats]:

@@ -5,8 +5,8 @@ import pymap3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spoofbench.attacks.motion import (
-    Motion,
+from spoofbench.attacks.pvt import (
+    GeodeticMotion,
     epochs_s,
     interval_s,
     metres_per_unit,
@@ -32,7 +32,7 @@ def test_metres_are_those_of_the_ellipsoid(north: float, east: float, up: float)
     motion = motion_of(table)
     scale = metres_per_unit(motion.position)
     moved = with_motion(
-        table, Motion(motion.position + np.array([north, east, -up]) / scale, motion.rate)
+        table, GeodeticMotion(motion.position + np.array([north, east, -up]) / scale, motion.rate)
     )
     before, after = ((t["lat_deg"], t["lon_deg"], t["height_m"]) for t in (table, moved))
     ned = np.column_stack(pymap3d.geodetic2ned(*after, *before))
@@ -64,7 +64,7 @@ def test_speed_and_course_stand_in_for_velocity() -> None:
     )
     assert np.allclose(motion_of(level).rate, motion_of(table).rate, rtol=1e-12, atol=1e-15)
     motion = motion_of(level)
-    turned = with_motion(level, Motion(motion.position, motion.rate * [-1, -1, 1]))
+    turned = with_motion(level, GeodeticMotion(motion.position, motion.rate * [-1, -1, 1]))
     assert "vel_n_mps" not in turned
     fast = level["speed_mps"] > 1
     assert np.allclose((turned["course_deg"] - course)[fast] % 360, 180)
@@ -97,7 +97,7 @@ def test_heights_move_together_and_velocity_fields_agree() -> None:
     motion = motion_of(table)
     moved = with_motion(
         table,
-        Motion(
+        GeodeticMotion(
             motion.position + np.array([0, 0, 3.0]),
             motion.rate + np.array([2.0, -1.0, 0.5]) / metres_per_unit(motion.position),
         ),
@@ -121,7 +121,7 @@ def test_longitude_goes_round() -> None:
     motion = motion_of(table)
     assert np.allclose(np.diff(motion.position[:, 1]), np.radians(0.001))
     moved = with_motion(
-        table, Motion(motion.position + np.array([0, np.radians(0.005), 0]), motion.rate)
+        table, GeodeticMotion(motion.position + np.array([0, np.radians(0.005), 0]), motion.rate)
     )
     assert np.all(np.abs(moved["lon_deg"]) <= 180)
     assert np.allclose((moved["lon_deg"] - longitude) % 360, 0.005)

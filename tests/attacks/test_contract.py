@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from spoofbench.attacks.files import attack_file
+from spoofbench.attacks.contract import attack_file
 from spoofbench.codec import read, write
 from spoofbench.errors import NotApplicable
 from spoofbench.testing import drive
