@@ -22,6 +22,7 @@ DECISIVE = (
     "attacks",
     "detector",
     "gnss_time",
+    "navigation",
     "recording",
     "results",
     "runner.describing",
