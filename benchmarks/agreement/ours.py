@@ -74,13 +74,15 @@ def frames_found(path: Path, piece_bytes: int = 4 * 2**20) -> Counter[bytes]:
     by its bytes.
     """
     from spoofbench_converters.serial.demux import demultiplex
-    from spoofbench_converters.serial.stamps import Stamps
+    from spoofbench_converters.serial.host_timestamps import HostTimestamps
 
     found: Counter[bytes] = Counter()
     source = Source.of(path)
     if path.is_file() and not source.is_archive:
         with source.open() as stream:
-            for piece in demultiplex(stream, Stamps(zone_is_utc=False), piece_bytes=piece_bytes):
+            for piece in demultiplex(
+                stream, HostTimestamps(zone_is_utc=False), piece_bytes=piece_bytes
+            ):
                 for frames in (piece.ubx, piece.nmea):
                     octets = frames.octets.tobytes()
                     found.update(

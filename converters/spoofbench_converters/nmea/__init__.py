@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from spoofbench.conversion import Item, Source
-from spoofbench_converters.nmea.decoder import NmeaDecoder
-from spoofbench_converters.nmea.options import DecoderOptions
-from spoofbench_converters.serial.conversion import Conversion
-from spoofbench_converters.serial.options import StreamOptions
-from spoofbench_converters.serial.sniffing import beginning
+from spoofbench_converters.nmea.decoder import DecoderOptions, NmeaDecoder
+from spoofbench_converters.serial.contract import SerialOptions
+from spoofbench_converters.serial.conversion import SerialConversion
+from spoofbench_converters.serial.demux import beginning
 
 __all__ = ["UNIT", "VERSION", "Options", "convert", "sniff"]
 
@@ -20,12 +19,12 @@ UNIT: Literal["bytes"] = "bytes"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(DecoderOptions, StreamOptions):
+class Options(DecoderOptions, SerialOptions):
     """How a log of sentences is converted; see the two classes that it joins."""
 
     def __post_init__(self) -> None:
         DecoderOptions.__post_init__(self)
-        StreamOptions.__post_init__(self)
+        SerialOptions.__post_init__(self)
 
 
 def sniff(source: Source) -> float:
@@ -39,4 +38,4 @@ def sniff(source: Source) -> float:
 def convert(source: Source, options: Options) -> Iterator[Item]:
     """Yield what a log holds; see :class:`spoofbench.conversion.Converter`."""
     with source.open() as stream:
-        yield from Conversion([NmeaDecoder(options)], options).run(stream, source.path.name)
+        yield from SerialConversion([NmeaDecoder(options)], options).run(stream, source.path.name)

@@ -5,16 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spoofbench.arrays import Bools, Ints
 from spoofbench.conversion import Columns, Rejects
 from spoofbench.conversion.rows import take
-from spoofbench.gnss_time import SECOND_NS
-from spoofbench_converters.nmea import signals, utc
-from spoofbench_converters.nmea.batch import VIEW, Batch
-from spoofbench_converters.nmea.epochs import Before, Habits, divide
-from spoofbench_converters.nmea.fields import Bools, Ints
-from spoofbench_converters.nmea.sensors import SENSORS, Sensors
+from spoofbench.gnss_time import DAY_NS, SECOND_NS, wrap_difference
+from spoofbench.schema import KINDS
+from spoofbench_converters.nmea import signals
+from spoofbench_converters.nmea.batch import SentenceBatch
+from spoofbench_converters.nmea.epochs import PreviousTimes, ReceiverTraits, divide
+from spoofbench_converters.nmea.signals import VIEW
 from spoofbench_converters.nmea.solution import ONE_PER_EPOCH, Solution
-from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS, Epochs, Rows
+from spoofbench_converters.serial.contract import ABSENT_NS, EpochRows, Epochs
 
 _NEAR_NS = 10 * SECOND_NS  # a time of its own further from that of the epoch is not believed
 _OF_SOLUTION = (*ONE_PER_EPOCH, "GSA", "GRS")
@@ -39,7 +40,7 @@ class _Times:
         stamped = (received != ABSENT_NS) & (receive_time_ns != ABSENT_NS)
         by_stamp = np.where(stamped, receive_time_ns - np.where(stamped, received, 0), 0)
         timed = (base != ABSENT_NS) & (own_ns != ABSENT_NS)
-        by_time = utc.nearest_turn(np.where(timed, own_ns - base, 0))
+        by_time = wrap_difference(np.where(timed, own_ns - base, 0), DAY_NS)
         return np.where(timed & (np.abs(by_time) <= _NEAR_NS), by_time, by_stamp)
 
 
@@ -47,12 +48,12 @@ class Assembly:
     """Puts the epochs of one log together."""
 
     def __init__(self) -> None:
-        self._sensors = Sensors()
+        self._sensors = SentenceSensors()
         self._talkers: dict[str, list[str]] = {}
         self._datums: dict[str, list[str]] = {}
 
     def epochs(
-        self, batch: Batch, starts: Bools, receiver: Ints, talkers: Sequence[str]
+        self, batch: SentenceBatch, starts: Bools, receiver: Ints, talkers: Sequence[str]
     ) -> Iterator[Epochs | Rejects]:
         """Yield complete epochs, given which sentences open one and the receiver of each, -1 for
         sensors.
@@ -60,7 +61,7 @@ class Assembly:
         epoch = np.cumsum(starts) - 1
         opening = np.flatnonzero(starts)
         lost: dict[str, list[Ints]] = {}
-        rows: list[Rows] = []
+        rows: list[EpochRows] = []
         times = _Times(
             np.full(opening.size, ABSENT_NS),
             np.zeros(opening.size, np.int64),
@@ -72,7 +73,9 @@ class Assembly:
                 opens = (
                     starts[own]
                     if number == 0
-                    else divide(take(batch.frames, own), epoch[own], Before(), Habits()).starts
+                    else divide(
+                        take(batch.frames, own), epoch[own], PreviousTimes(), ReceiverTraits()
+                    ).starts
                 )
                 rows += self._receiver(number, _Own(batch, own, epoch, opens), times, lost, talkers)
                 self._note(f"gnss{number}", batch, own, talkers)
@@ -114,7 +117,7 @@ class Assembly:
         times: _Times,
         lost: dict[str, list[Ints]],
         talkers: Sequence[str],
-    ) -> Iterator[Rows]:
+    ) -> Iterator[EpochRows]:
         """Yield the rows of one receiver; the first one gives the epochs their times."""
         for reason, places in own.drop_repetitions(talkers.index("GN") if "GN" in talkers else -1):
             lost.setdefault(reason, []).append(places)
@@ -130,7 +133,7 @@ class Assembly:
         known = np.flatnonzero(told)
         source = f"gnss{number}"
         if known.size:
-            yield Rows(
+            yield EpochRows(
                 source, "gnss/pvt", at[known], signals.taken(solution.rows(), known), offset[known]
             )
         if VIEW in own.tables:
@@ -138,26 +141,28 @@ class Assembly:
             if doubled.size:
                 lost.setdefault(f"NMEA GSV: {_AGAIN}", []).append(doubled)
             if view["epoch"].size:
-                yield Rows(
+                yield EpochRows(
                     source,
                     "gnss/signal",
                     at[view["epoch"]],
-                    signals.rows(view, own.tables),
+                    signals.signal_rows(view, own.tables),
                     offset[view["epoch"]],
                 )
         if "PUBX04" in own.tables:
             clock = own.tables["PUBX04"]
             columns = {name: clock[name] for name in ("bias_s", "drift_sps")}
-            yield Rows(source, "gnss/clock", at[clock["epoch"]], columns, offset[clock["epoch"]])
+            yield EpochRows(
+                source, "gnss/clock", at[clock["epoch"]], columns, offset[clock["epoch"]]
+            )
 
     def _sensor_rows(
         self,
-        batch: Batch,
+        batch: SentenceBatch,
         epoch: Ints,
         times: _Times,
         talkers: Sequence[str],
         lost: dict[str, list[Ints]],
-    ) -> list[Rows]:
+    ) -> list[EpochRows]:
         frames = batch.frames
         for name in ("PASHR", "GYOACC", "IMURAW"):
             if name in batch.tables:
@@ -169,7 +174,7 @@ class Assembly:
             offset = times.offsets(at, frames["tod_ns"][found.frame], received)
             if found.frame.size:
                 rows.append(
-                    Rows(
+                    EpochRows(
                         found.source,
                         found.kind,
                         at,
@@ -185,7 +190,7 @@ class Assembly:
                     lost[f"NMEA {name}: no value"] = [places[~useful[places]]]
         return rows
 
-    def _note(self, source: str, batch: Batch, own: Ints, talkers: Sequence[str]) -> None:
+    def _note(self, source: str, batch: SentenceBatch, own: Ints, talkers: Sequence[str]) -> None:
         """Note the talkers and the datums of a receiver."""
         known = self._talkers.setdefault(source, [])
         talker = batch.frames["talker"][own]
@@ -209,7 +214,7 @@ class _Own:
     ``epoch`` of each row.
     """
 
-    def __init__(self, batch: Batch, places: Ints, epoch: Ints, opens: Bools) -> None:
+    def __init__(self, batch: SentenceBatch, places: Ints, epoch: Ints, opens: Bools) -> None:
         self.places = places
         self._talker_of_frame = batch.frames["talker"]
         self.frames = batch.frames if places.size == batch.size else take(batch.frames, places)
@@ -254,3 +259,83 @@ def _claim(table: Columns, epoch: Ints, times: _Times) -> None:
     dated = date_ns != ABSENT_NS
     times.claimed_ns[at[rows]] = np.where(dated, date_ns, 0) + table["tod_ns"][rows]
     times.period_ns[at[rows]] = np.where(dated, 0, DAY_NS)
+
+
+_HEADING = {"HDT": ("ins/pva",), "THS": ("ins/pva",), "PASHR": ("ins/pva",)}
+_INERTIAL = {
+    "VNYMR": ("imu", "mag", "ins/pva"),
+    "VNIMU": ("imu", "mag", "baro"),
+    "GYOACC": ("imu",),
+    "IMURAW": ("imu",),
+}
+SENSORS: Mapping[str, tuple[str, ...]] = _HEADING | _INERTIAL
+
+_PREFIX = {"ins/pva": "ins", "imu": "imu", "mag": "mag", "baro": "baro"}
+_VECTORNAV = {"device": "VectorNav", "axes": "frd"}
+_UNICORE = {"device": "Unicore", "axes": "of the module"}
+_ABOUT = {
+    "VNYMR": _VECTORNAV
+    | {"yaw_basis": "the device's: towards magnetic north where it has no magnetic model"},
+    "VNIMU": _VECTORNAV,
+    "GYOACC": _UNICORE,
+    "IMURAW": _UNICORE,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorRows:
+    """Rows of one kind of one source; ``frame`` is the sentence of each."""
+
+    source: str
+    kind: str
+    frame: Ints
+    columns: Columns
+
+
+class SentenceSensors:
+    """The sensors of one log: each inertial sentence type is one, and each talker of a heading."""
+
+    def __init__(self) -> None:
+        self._names: dict[tuple[str, str], str] = {}
+        self.about: dict[str, dict[str, str]] = {}
+
+    def rows(self, batch: SentenceBatch, talkers: Sequence[str]) -> Iterator[SensorRows]:
+        """Yield the rows of a batch; those without any value are left out."""
+        found = [
+            (int(table["frame"][0]), name)
+            for name, table in batch.tables.items()
+            if name in SENSORS and table["frame"].size
+        ]
+        for _, name in sorted(found):
+            table = batch.tables[name]
+            talker = batch.frames["talker"][table["frame"]]
+            present, first = np.unique(talker, return_index=True)
+            for place in present[np.argsort(first)].tolist():
+                rows = np.flatnonzero(talker == place)
+                for kind in SENSORS[name]:
+                    columns = {
+                        field: table[field][rows] for field in KINDS[kind].fields if field in table
+                    }
+                    given = ~np.all([np.isnan(values) for values in columns.values()], axis=0)
+                    kept = {field: values[given] for field, values in columns.items()}
+                    yield SensorRows(
+                        self._source(kind, name, talkers[place]),
+                        kind,
+                        table["frame"][rows[given]],
+                        kept,
+                    )
+
+    def _source(self, kind: str, name: str, talker: str) -> str:
+        """The name of a source, numbered in the order of appearance."""
+        sensor = name if name in _INERTIAL else talker
+        prefix = _PREFIX[kind]
+        key = (prefix, sensor)
+        if key not in self._names:
+            self._names[key] = f"{prefix}{sum(known == prefix for known, _ in self._names)}"
+            topic = (
+                f"NMEA {name}"
+                if name in _INERTIAL or name == "PASHR"
+                else f"NMEA {talker} HDT or THS"
+            )
+            self.about[self._names[key]] = {"topic": topic, **_ABOUT.get(name, {})}
+        return self._names[key]

@@ -18,12 +18,11 @@ from typing import Self
 
 import numpy as np
 
+from spoofbench.arrays import Bools, Ints
 from spoofbench.conversion import Columns
 from spoofbench.conversion.rows import take
-from spoofbench.gnss_time import SECOND_NS
-from spoofbench_converters.nmea.addresses import CODES, READ
-from spoofbench_converters.nmea.fields import Bools, Ints
-from spoofbench_converters.nmea.utc import nearest_turn
+from spoofbench.gnss_time import DAY_NS, SECOND_NS, wrap_difference
+from spoofbench_converters.nmea.batch import CODES, READ
 from spoofbench_converters.serial.contract import ABSENT_NS
 
 MAX_SENTENCES = 8_192  # of one epoch: more make epochs without a time
@@ -37,7 +36,7 @@ _GSV, _GSA, _VTG = CODES["GSV"], CODES["GSA"], CODES["VTG"]
 
 
 @dataclass(frozen=True, slots=True)
-class Habits:
+class ReceiverTraits:
     """What the start of a log tells of a receiver.
 
     Attributes:
@@ -66,7 +65,7 @@ class Habits:
 
 
 @dataclass(frozen=True, slots=True)
-class Before:
+class PreviousTimes:
     """The last time before the sentences at hand, and the last one with decimals, ``ABSENT_NS`` for
     none.
     """
@@ -89,22 +88,24 @@ class Division:
     tod_ns: Ints
     fine: Bools
 
-    def before(self, place: int, start: Before) -> Before:
+    def before(self, place: int, start: PreviousTimes) -> PreviousTimes:
         """What came before the sentence at a place."""
         timed = np.flatnonzero(self.tod_ns[:place] != ABSENT_NS)
         fine = timed[self.fine[timed]]
-        return Before(
+        return PreviousTimes(
             int(self.tod_ns[timed[-1]]) if timed.size else start.tod_ns,
             int(self.tod_ns[fine[-1]]) if fine.size else start.fine_ns,
         )
 
 
-def divide(frames: Columns, segment: Ints, before: Before, habits: Habits) -> Division:
+def divide(
+    frames: Columns, segment: Ints, before: PreviousTimes, habits: ReceiverTraits
+) -> Division:
     """Divide a receiver's sentences, in file order; no epoch goes across the border of two
     segments.
 
     Args:
-        frames: columns of :class:`spoofbench_converters.nmea.batch.Batch`.
+        frames: columns of :class:`spoofbench_converters.nmea.batch.SentenceBatch`.
         segment: int64 ``(n,)``, not decreasing.
         before: what came before the first of them.
         habits: of the receiver.
@@ -127,8 +128,8 @@ def divide(frames: Columns, segment: Ints, before: Before, habits: Habits) -> Di
 
 
 def open_within_bounds(
-    frames: Columns, places: Ints, size: int, before: Before, habits: Habits
-) -> tuple[Bools, Before]:
+    frames: Columns, places: Ints, size: int, before: PreviousTimes, habits: ReceiverTraits
+) -> tuple[Bools, PreviousTimes]:
     """Divide a receiver's sentences among others, so that no epoch has more than ``MAX_SENTENCES``
     of all.
 
@@ -161,7 +162,7 @@ def open_within_bounds(
         starts[begin:] = False
 
 
-def _comparable(frames: Columns, before: Before) -> tuple[Ints, Bools]:
+def _comparable(frames: Columns, before: PreviousTimes) -> tuple[Ints, Bools]:
     """Times such that those of one epoch are equal; and which had decimals."""
     tod_ns = frames["tod_ns"].copy()
     timed = np.flatnonzero(tod_ns != ABSENT_NS)
@@ -200,7 +201,9 @@ def _lag(time_ns: Ints, since_ns: Ints) -> Ints:
     """
     known = (time_ns != ABSENT_NS) & (since_ns != ABSENT_NS)
     return np.where(
-        known, nearest_turn(np.where(known, time_ns, 0) - np.where(known, since_ns, 0)), -1
+        known,
+        wrap_difference(np.where(known, time_ns, 0) - np.where(known, since_ns, 0), DAY_NS),
+        -1,
     )
 
 

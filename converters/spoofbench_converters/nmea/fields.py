@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-from spoofbench_converters.serial.contract import Frames
+from spoofbench.arrays import Bools, Floats, Ints, Octets
+from spoofbench.gnss_time import SECOND_NS, midnight
+from spoofbench_converters.serial.contract import ABSENT_NS, Frames
 
 MAX_FIELD = 24  # characters; the longest that a receiver writes is a longitude of 14
 _SMALL = 4  # digits, so that values fit 16 bits
@@ -19,25 +20,22 @@ _EXACT_DIGITS = 15  # below 2^53, so that one division rounds once
 _DOT, _MINUS, _PLUS = (ord(sign) - ord("0") & 0xFF for sign in ".-+")
 _POWERS = 10 ** np.arange(19, dtype=np.int64)
 
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cells:
+class FieldCells:
     """One field of each of ``n`` sentences: int64 ``begin`` within ``octets``, and ``length``, 0
     where absent.
     """
 
-    octets: NDArray[np.uint8]
+    octets: Octets
     begin: Ints
     length: Ints
 
-    def first(self) -> NDArray[np.uint8]:
+    def first(self) -> Octets:
         """The first character of each, 0 where absent; uint8 ``(n,)``."""
         return self.at(0)
 
-    def at(self, place: int) -> NDArray[np.uint8]:
+    def at(self, place: int) -> Octets:
         """The character at a place of each, 0 beyond its end; uint8 ``(n,)``."""
         if not self.octets.size:
             return np.zeros(self.begin.size, np.uint8)
@@ -75,37 +73,37 @@ class Sentences:
         self._first = np.searchsorted(self._commas, frames.starts)
         self.fields = np.searchsorted(self._commas, self.body_end) - self._first
 
-    def addresses(self) -> Cells:
+    def addresses(self) -> FieldCells:
         """The address of each frame, such as ``GPGGA``."""
         return self._between(self.starts + 1, np.minimum(self._commas[self._first], self.body_end))
 
-    def of(self, rows: Ints) -> "Fields":
+    def of(self, rows: Ints) -> "SentenceFields":
         """The fields of these frames."""
-        return Fields(
+        return SentenceFields(
             self._octets, self._commas, self._first[rows], self.fields[rows], self.body_end[rows]
         )
 
-    def _between(self, begin: Ints, end: Ints) -> Cells:
-        return Cells(self._octets, begin, np.maximum(end - begin, 0))
+    def _between(self, begin: Ints, end: Ints) -> FieldCells:
+        return FieldCells(self._octets, begin, np.maximum(end - begin, 0))
 
 
-class Fields:
+class SentenceFields:
     """The fields of sentences of one type; the first after the address is 1."""
 
     _KEPT = 24  # ends of fields that are remembered, for the next field begins there
 
     def __init__(
-        self, octets: NDArray[np.uint8], commas: Ints, first: Ints, count: Ints, body_end: Ints
+        self, octets: Octets, commas: Ints, first: Ints, count: Ints, body_end: Ints
     ) -> None:
         self.count = count
         self._octets, self._commas, self._first, self._body_end = octets, commas, first, body_end
         self._least = int(count.min(initial=MAX_FIELD))
         self._ends: dict[int, Ints] = {}
 
-    def cells(self, number: int) -> Cells:
+    def cells(self, number: int) -> FieldCells:
         """One field of every sentence."""
         begin, end = self._end(number - 1) + 1, self._end(number)
-        return Cells(self._octets, begin, np.maximum(end - begin, 0))
+        return FieldCells(self._octets, begin, np.maximum(end - begin, 0))
 
     def _end(self, number: int) -> Ints:
         """Where a field ends."""
@@ -132,7 +130,7 @@ class Decimals:
     present: Bools
     readable: Bools
 
-    def floats(self) -> NDArray[np.float64]:
+    def floats(self) -> Floats:
         """The values, float64 ``(n,)``, NaN where absent or not readable."""
         values = (
             self.mantissa / _POWERS[self.places]
@@ -143,7 +141,7 @@ class Decimals:
         return values
 
 
-def decimals(cells: Cells) -> Decimals:
+def decimals(cells: FieldCells) -> Decimals:
     """Read fixed-point numbers: an optional sign, digits, and a point before, among or after
     them.
     """
@@ -164,7 +162,7 @@ def decimals(cells: Cells) -> Decimals:
     return Decimals(mantissa, places, present, readable)
 
 
-def _small_integers(cells: Cells) -> Decimals | None:
+def _small_integers(cells: FieldCells) -> Decimals | None:
     """Read integers of up to four digits, which most fields of satellites are; None where any field
     is something else.
     """
@@ -186,7 +184,7 @@ def _small_integers(cells: Cells) -> Decimals | None:
     )
 
 
-def _read(digits: NDArray[np.uint8]) -> tuple[Ints, Ints | int, Bools | bool]:
+def _read(digits: Octets) -> tuple[Ints, Ints | int, Bools | bool]:
     """Return mantissas, places and readability of texts of one length, given as characters minus
     ``0``, ``(k, length)``.
     """
@@ -205,7 +203,7 @@ def _read(digits: NDArray[np.uint8]) -> tuple[Ints, Ints | int, Bools | bool]:
     return _read_mixed(digits)
 
 
-def _read_mixed(digits: NDArray[np.uint8]) -> tuple[Ints, Ints, Bools]:
+def _read_mixed(digits: Octets) -> tuple[Ints, Ints, Bools]:
     k, length = digits.shape
     value, places, count, points = (np.zeros(k, np.int64) for _ in range(4))
     readable = np.ones(k, bool)
@@ -222,7 +220,7 @@ def _read_mixed(digits: NDArray[np.uint8]) -> tuple[Ints, Ints, Bools]:
     return np.where(digits[:, 0] == _MINUS, -value, value), np.minimum(places, 18), readable
 
 
-def hexadecimal(character: NDArray[np.uint8]) -> Ints:
+def hexadecimal(character: Octets) -> Ints:
     """Values of single hexadecimal digits, -1 where it is none; int64 ``(n,)``."""
     table = np.full(256, -1, np.int64)
     for digit in "0123456789ABCDEFabcdef":
@@ -230,6 +228,49 @@ def hexadecimal(character: NDArray[np.uint8]) -> Ints:
     return table[character]
 
 
-def one_of(character: NDArray[np.uint8], letters: str) -> Bools:
+def one_of(character: Octets, letters: str) -> Bools:
     """Which characters are among the letters."""
     return np.isin(character, np.frombuffer(letters.encode(), np.uint8))
+
+
+_PIVOT = 80  # two-digit years: 80 to 99 are 1980 to 1999, 00 to 79 are 2000 to 2079
+
+
+def time_of_day(cells: FieldCells) -> tuple[Ints, Bools]:
+    """Read ``hhmmss.sss`` as nanoseconds, ``ABSENT_NS`` where empty; and which fields are readable.
+
+    A leap second, ``235960``, is 86,400 s; so is ``240000``.
+    """
+    read = decimals(cells)
+    scale = 10 ** np.minimum(read.places, 9)
+    whole = read.mantissa // scale
+    hours, minutes, seconds = whole // 10_000, whole // 100 % 100, whole % 100
+    fraction = read.mantissa % scale * (SECOND_NS // scale)
+    midnight = (hours == 24) & (minutes == 0) & (seconds == 0)
+    plausible = (
+        ((hours < 24) | midnight)
+        & (minutes < 60)
+        & ((seconds < 60) | ((hours == 23) & (minutes == 59) & (seconds == 60)))
+    )
+    readable = read.readable & (
+        ~read.present | (plausible & (read.mantissa >= 0) & (read.places <= 9))
+    )
+    value = ((hours * 60 + minutes) * 60 + seconds) * SECOND_NS + fraction
+    return np.where(read.present & readable, value, ABSENT_NS), readable
+
+
+def date_of(cells: FieldCells) -> tuple[Ints, Bools]:
+    """Read ``ddmmyy`` as the Unix nanoseconds of its midnight, ``ABSENT_NS`` where empty; and which
+    fields are readable.
+    """
+    read = decimals(cells)
+    value, exists = midnight(
+        full_year(read.mantissa % 100), read.mantissa // 100 % 100, read.mantissa // 10_000
+    )
+    readable = read.readable & (~read.present | ((cells.length == 6) & (read.places == 0) & exists))
+    return np.where(read.present & readable, value, ABSENT_NS), readable
+
+
+def full_year(year: Ints) -> Ints:
+    """Return years of which those below 100 are 1980 to 2079, int64 ``(n,)``."""
+    return np.where(year < 100, year + np.where(year >= _PIVOT, 1900, 2000), year)

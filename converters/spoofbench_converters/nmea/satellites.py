@@ -9,7 +9,7 @@ Quectel, SkyTraq, Android).
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench_converters.nmea.fields import Ints
+from spoofbench.arrays import Ints
 
 GPS, SBAS, GALILEO, BEIDOU, IMES, QZSS, GLONASS, NAVIC = range(1, 9)  # as in the schema
 NO_SIGNAL = -1

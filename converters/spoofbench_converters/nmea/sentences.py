@@ -9,11 +9,12 @@ of day, ``ABSENT_NS`` where the sentence has none. Letters are characters, 0 whe
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Floats, Ints, Octets
 from spoofbench.conversion import Columns
-from spoofbench_converters.nmea import utc
-from spoofbench_converters.nmea.fields import Bools, Cells, Fields, Ints, decimals, one_of
+from spoofbench.gnss_time import midnight
+from spoofbench_converters.nmea import fields
+from spoofbench_converters.nmea.fields import FieldCells, SentenceFields, decimals, one_of
 from spoofbench_converters.serial.contract import ABSENT_NS
 
 KNOT_MPS = 1852 / 3600
@@ -27,21 +28,21 @@ class Reader:
     it is not what it should be.
     """
 
-    def __init__(self, fields: Fields) -> None:
+    def __init__(self, fields: SentenceFields) -> None:
         self._fields = fields
         self.count = fields.count
         self.readable: Bools = np.ones(fields.count.size, bool)
 
-    def cells(self, field: int, where: Bools | None = None) -> Cells:
+    def cells(self, field: int, where: Bools | None = None) -> FieldCells:
         """The field as it stands; absent where it is not asked for."""
         cells = self._fields.cells(field)
         return (
             cells
             if where is None
-            else Cells(cells.octets, cells.begin, np.where(where, cells.length, 0))
+            else FieldCells(cells.octets, cells.begin, np.where(where, cells.length, 0))
         )
 
-    def number(self, field: int, where: Bools | None = None) -> NDArray[np.float64]:
+    def number(self, field: int, where: Bools | None = None) -> Floats:
         """Values, NaN where absent."""
         read = decimals(self.cells(field, where))
         self.readable &= read.readable
@@ -55,7 +56,7 @@ class Reader:
         )
         return np.where(read.present & self.readable, read.mantissa, -1)
 
-    def dilution(self, field: int) -> NDArray[np.float64]:
+    def dilution(self, field: int) -> Floats:
         """A dilution of precision, NaN where absent or 99.99, which u-blox, MediaTek and others
         write without a solution.
         """
@@ -73,7 +74,7 @@ class Reader:
             f"{name}_step": np.where(np.isnan(values), np.inf, unit * 10.0**-read.places),
         }
 
-    def letter(self, field: int, allowed: str) -> NDArray[np.uint8]:
+    def letter(self, field: int, allowed: str) -> Octets:
         """A field of one letter of those allowed."""
         cells = self.cells(field)
         letter = cells.first()
@@ -83,13 +84,13 @@ class Reader:
     def time(self, field: int) -> Columns:
         """Time of day, and how many decimals it has."""
         cells = self.cells(field)
-        value, readable = utc.time_of_day(cells)
+        value, readable = fields.time_of_day(cells)
         self.readable &= readable
         return {"tod_ns": value, "tod_places": decimals(cells).places}
 
     def date(self, field: int) -> Ints:
         """Midnight of ``ddmmyy``."""
-        value, readable = utc.date(self.cells(field))
+        value, readable = fields.date_of(self.cells(field))
         self.readable &= readable
         return value
 
@@ -107,7 +108,7 @@ class Reader:
             "lat_deg_step": step,
         }
 
-    def _angle(self, field: int, sides: str, limit: int) -> tuple[NDArray[np.float64], Ints]:
+    def _angle(self, field: int, sides: str, limit: int) -> tuple[Floats, Ints]:
         read = decimals(self.cells(field))
         side = self.letter(field + 1, sides)
         scale = 10 ** np.minimum(read.places, 12)
@@ -193,9 +194,9 @@ def zda(read: Reader) -> Columns:
     columns = read.time(1)
     day, month, year = (read.whole(field) for field in (2, 3, 4))
     given = (day > 0) & (month >= 0) & (year >= 0)
-    value, possible = utc.day_of(day, month, year)
-    read.readable &= ~given | possible
-    return {**columns, "date_ns": np.where(given & possible, value, ABSENT_NS)}
+    value, exists = midnight(fields.full_year(year), month, day)
+    read.readable &= ~given | exists
+    return {**columns, "date_ns": np.where(given & exists, value, ABSENT_NS)}
 
 
 def gst(read: Reader) -> Columns:

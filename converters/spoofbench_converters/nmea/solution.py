@@ -13,14 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Floats, Ints
 from spoofbench.conversion import Columns
+from spoofbench.gnss_time import (
+    DAY_NS,
+    SECOND_NS,
+    leap_seconds,
+    utc_to_gps,
+    week_and_tow,
+    wrap_difference,
+)
 from spoofbench.schema.v1 import gnss_pb2 as enums
 from spoofbench.table import Column
-from spoofbench_converters.nmea import utc
-from spoofbench_converters.nmea.fields import Bools, Ints, one_of
-from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS
-
-Floats = NDArray[np.float64]
+from spoofbench_converters.nmea.fields import one_of
+from spoofbench_converters.serial.contract import ABSENT_NS
 
 ONE_PER_EPOCH = (
     "GGA",
@@ -155,19 +161,22 @@ class Solution:
                 & (dated[epoch] == ABSENT_NS)
             )
             epoch, date_ns, own = epoch[usable], table["date_ns"][usable], table["tod_ns"][usable]
-            dated[epoch] = date_ns + own + utc.nearest_turn(tod_ns[epoch] - own)
+            dated[epoch] = date_ns + own + wrap_difference(tod_ns[epoch] - own, DAY_NS)
         return dated
 
     def _gps_time(self) -> dict[str, NDArray[Any] | Column]:
         tod_ns = self._time_of_day()
         dated = self._dated(tod_ns)
         complete = dated != ABSENT_NS
-        week, tow_s = utc.gps_week_and_tow(np.where(complete, dated, 0), tod_ns >= DAY_NS)
+        utc_ns = np.where(complete, dated, 0)
+        # the Unix time of an inserted second is that of the second after it
+        inserted = tod_ns >= DAY_NS
+        week, tow_ns = week_and_tow(utc_to_gps(utc_ns, leap_seconds(utc_ns) - inserted))
         complete &= week >= 0
         denied = self.invalid & (tod_ns != ABSENT_NS)
         return {
             "gps_week": Column(np.where(complete, week, 0).astype(np.uint32), complete),
-            "tow_s": np.where(complete, tow_s, np.nan),
+            "tow_s": np.where(complete, tow_ns / SECOND_NS, np.nan),
             "time_valid": Column(complete, complete | denied),
         }
 

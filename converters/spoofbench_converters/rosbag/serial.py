@@ -2,7 +2,7 @@
 field (ublox_msgs).
 
 A message of ublox_msgs has the fields of its UBX payload in their order, so the payload is put
-together again; what the bytes say is then told by the decoders of NMEA and UBX. Rows get the
+together again; what the bytes say is then told by the decoders of NMEA and UBX. EpochRows get the
 recorder's time of their epoch.
 """
 
@@ -19,7 +19,7 @@ from spoofbench_converters.rosbag import slabs
 from spoofbench_converters.rosbag.layouts import Group
 from spoofbench_converters.rosbag.rows import RowStream
 from spoofbench_converters.rosbag.slabs import Payloads, Topic
-from spoofbench_converters.serial.contract import Epochs, Frames, Rows
+from spoofbench_converters.serial.contract import EpochRows, Epochs, Frames
 
 SENTENCE = "nmea_msgs/msg/Sentence"
 _NAV, _RXM, _MON, _TIM, _ESF, _SEC, _HNR = 0x01, 0x02, 0x0A, 0x0D, 0x10, 0x27, 0x28
@@ -62,7 +62,7 @@ class _Frames(Frames):
 
 
 class _Decoder(Protocol):
-    """See :class:`spoofbench_converters.serial.contract.Decoder`."""
+    """See :class:`spoofbench_converters.serial.contract.FrameDecoder`."""
 
     def push(self, frames: Frames) -> Iterator[Epochs | Rejects]: ...
 
@@ -194,8 +194,7 @@ def open_serial(topics: Sequence[Topic], counts: dict[str, int]) -> list[Serial]
 
 def _decoder(of_sentences: bool) -> _Decoder:
     if of_sentences:
-        from spoofbench_converters.nmea.decoder import NmeaDecoder
-        from spoofbench_converters.nmea.options import DecoderOptions
+        from spoofbench_converters.nmea.decoder import DecoderOptions, NmeaDecoder
 
         return NmeaDecoder(DecoderOptions())
     from spoofbench_converters.ubx.decoder import UbxDecoder
@@ -271,7 +270,7 @@ def _in_bag_order(parts: Sequence[_Frames]) -> _Frames:
     )
 
 
-def _columns(rows: Rows) -> Columns:
+def _columns(rows: EpochRows) -> Columns:
     """Return decoded columns as arrays, NaN or None where absent."""
     columns: Columns = {}
     for name, given in rows.columns.items():
@@ -286,7 +285,7 @@ def _columns(rows: Rows) -> Columns:
     return columns
 
 
-def _times(rows: Rows, epochs: Epochs) -> Columns:
+def _times(rows: EpochRows, epochs: Epochs) -> Columns:
     """Return the rows' times: the recorder's of their epoch, of sampled messages their own."""
     of_epoch = epochs.receive_time_ns[rows.epoch]
     received = of_epoch if rows.receive_time_ns is None else rows.receive_time_ns

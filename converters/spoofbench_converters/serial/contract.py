@@ -8,16 +8,16 @@ claim, and gives their rows their times.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import date
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Ints, Octets
 from spoofbench.conversion import Columns, Rejects
+from spoofbench_converters.serial.framing import Checksum
 
 ABSENT_NS = np.iinfo(np.int64).min
-DAY_NS = 86_400_000_000_000
-WEEK_NS = 7 * DAY_NS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,15 +38,15 @@ class Frames:
         leads: int64 ``(k,)``, how many of the bytes in ``used`` stand before the frame; None: none.
     """
 
-    octets: NDArray[np.uint8]
-    starts: NDArray[np.int64]
-    lengths: NDArray[np.int64]
+    octets: Octets
+    starts: Ints
+    lengths: Ints
     base: int
-    used: NDArray[np.int64]
-    receive_time_ns: NDArray[np.int64]
-    leads: NDArray[np.int64] | None = field(default=None, kw_only=True)
+    used: Ints
+    receive_time_ns: Ints
+    leads: Ints | None = field(default=None, kw_only=True)
 
-    def offsets(self) -> NDArray[np.int64]:
+    def offsets(self) -> Ints:
         """Offset in the log of the bytes that belong to each frame, int64 ``(k,)``."""
         return (
             self.starts + self.base if self.leads is None else self.starts + self.base - self.leads
@@ -54,7 +54,7 @@ class Frames:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
+class EpochRows:
     """Rows of one kind of one source, in file order.
 
     Attributes:
@@ -73,11 +73,11 @@ class Rows:
 
     source: str
     kind: str
-    epoch: NDArray[np.int64]
+    epoch: Ints
     columns: Columns
-    offset_ns: NDArray[np.int64] | None = None
-    tick_ns: NDArray[np.int64] | None = None
-    receive_time_ns: NDArray[np.int64] | None = None
+    offset_ns: Ints | None = None
+    tick_ns: Ints | None = None
+    receive_time_ns: Ints | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,15 +96,15 @@ class Epochs:
         rows: by source and kind; several of one source and kind follow one another.
     """
 
-    offset: NDArray[np.int64]
-    claimed_ns: NDArray[np.int64]
-    period_ns: NDArray[np.int64]
-    receive_time_ns: NDArray[np.int64]
-    used: NDArray[np.int64]
-    rows: Sequence[Rows]
+    offset: Ints
+    claimed_ns: Ints
+    period_ns: Ints
+    receive_time_ns: Ints
+    used: Ints
+    rows: Sequence[EpochRows]
 
 
-class Decoder(Protocol):
+class FrameDecoder(Protocol):
     """One protocol's decoder at work on one log. Results do not depend on how the log is cut into
     pieces.
     """
@@ -129,3 +129,50 @@ class Decoder(Protocol):
         ``axes``, ...; after :meth:`finish`.
         """
         ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class SerialOptions:
+    """How a byte stream is converted.
+
+    Attributes:
+        date: reference date, YYYY-MM-DD: that of the first time of day or week which nothing else
+            in the log dates.
+        date_backward: carry dates backward too, from the first complete time to those before it.
+        week_rollover: periods of 1024 weeks to add to complete times, for receivers that lost some.
+        gap_s: a claimed time that goes forward by this or more is a step of the clock, which the
+            time axis does not follow.
+        append_clock: where a recorder's clock jumps back, go on at the nominal interval instead of
+            rejecting rows.
+        checksum: whether sentences need theirs.
+        zone_is_utc: times of the recorder without a zone are UTC; else they are not used.
+        session: what recordings of one session share.
+    """
+
+    date: str | None = None
+    date_backward: bool = False
+    week_rollover: int = 0
+    gap_s: float = 3600.0
+    append_clock: bool = False
+    checksum: Checksum = "required"
+    zone_is_utc: bool = False
+    session: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.date is not None:
+            _ = date.fromisoformat(self.date)
+        if not 0 < self.gap_s <= 86_400:
+            raise ValueError(f"gap_s must be above 0 and at most 86400, not {self.gap_s!r}")
+        if not -8 <= self.week_rollover <= 8:
+            raise ValueError(
+                "week_rollover must be a number of 1024-week periods from -8 to 8, not "
+                f"{self.week_rollover!r}"
+            )
+
+    def date_ns(self) -> int | None:
+        """Start of the reference date, Unix UTC in ns."""
+        return (
+            None
+            if self.date is None
+            else (date.fromisoformat(self.date) - date(1970, 1, 1)).days * 86_400_000_000_000
+        )

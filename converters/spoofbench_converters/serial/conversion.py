@@ -8,48 +8,46 @@ from typing import IO
 
 import numpy as np
 
+from spoofbench.arrays import Ints
 from spoofbench.conversion import Block, Item, Rejects, SourceMetadata
 from spoofbench.errors import ConversionError
 from spoofbench.table import Table
-from spoofbench_converters.serial.contract import Decoder, Epochs, Rows
-from spoofbench_converters.serial.course import HORIZON, TIMED
+from spoofbench_converters.serial.contract import EpochRows, Epochs, FrameDecoder, SerialOptions
 from spoofbench_converters.serial.demux import PIECE_BYTES, Piece, demultiplex
-from spoofbench_converters.serial.frames import Places
-from spoofbench_converters.serial.ground import Ground
-from spoofbench_converters.serial.options import StreamOptions
-from spoofbench_converters.serial.stamps import Stamps
-from spoofbench_converters.serial.time_axis import REASONS, Axis
-from spoofbench_converters.serial.topics import Timed, Topic
+from spoofbench_converters.serial.gaps import RejectedBytes
+from spoofbench_converters.serial.host_timestamps import HostTimestamps
+from spoofbench_converters.serial.rows import TimedEpochs, TopicRows
+from spoofbench_converters.serial.time_axis import HORIZON, REASONS, TIMED, TimeAxis
 
 UBX_NOT_ASKED_FOR = "UBX frame: not asked for"
 
 
 @dataclass(slots=True)
-class _Course:
+class _RunningDecoder:
     """A decoder at work: epochs that wait for their times, the running number of the first, and the
     times known so far.
     """
 
-    decoder: Decoder
+    decoder: FrameDecoder
     waiting: list[Epochs] = field(default_factory=list)
     first: int = 0
-    times: Places = field(default_factory=lambda: np.zeros(0, np.int64))
+    times: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
     verdicts: "np.ndarray[tuple[int], np.dtype[np.uint8]]" = field(
         default_factory=lambda: np.zeros(0, np.uint8)
     )
 
 
-class Conversion:
+class SerialConversion:
     """One log's conversion by the decoders of one or two protocols."""
 
-    def __init__(self, decoders: Sequence[Decoder], options: StreamOptions) -> None:
-        self._courses = [_Course(decoder) for decoder in decoders]
+    def __init__(self, decoders: Sequence[FrameDecoder], options: SerialOptions) -> None:
+        self._courses = [_RunningDecoder(decoder) for decoder in decoders]
         self._options = options
-        self._axis = Axis(options, tuple(decoder.protocol.upper() for decoder in decoders))
-        self._stamps = Stamps(options.zone_is_utc)
-        self._ground = Ground()
+        self._axis = TimeAxis(options, tuple(decoder.protocol.upper() for decoder in decoders))
+        self._stamps = HostTimestamps(options.zone_is_utc)
+        self._ground = RejectedBytes()
         self._names: dict[tuple[int, str], str] = {}
-        self._topics: dict[tuple[int, str, str], Topic] = {}
+        self._topics: dict[tuple[int, str, str], TopicRows] = {}
 
     def run(self, stream: IO[bytes], name: str, piece_bytes: int = PIECE_BYTES) -> Iterator[Item]:
         """Yield what a log holds.
@@ -107,7 +105,9 @@ class Conversion:
                 ready.append(
                     (
                         number,
-                        Timed(epochs, course.times[:count], course.verdicts[:count], course.first),
+                        TimedEpochs(
+                            epochs, course.times[:count], course.verdicts[:count], course.first
+                        ),
                     )
                 )
                 course.first += count
@@ -125,7 +125,7 @@ class Conversion:
         undecided = [course.waiting[0].offset[0] for course in self._courses if course.waiting]
         self._ground.forget(int(min(undecided, default=limit)))
 
-    def _refused(self, ready: Sequence[Timed]) -> Iterator[Rejects]:
+    def _refused(self, ready: Sequence[TimedEpochs]) -> Iterator[Rejects]:
         """Reject the epochs that get no time."""
         for verdict, reason in REASONS.items():
             refused = [
@@ -139,7 +139,7 @@ class Conversion:
                 order = np.argsort(offsets, kind="stable")
                 yield from self._ground.lay(offsets[order], lengths[order], reason)
 
-    def _name(self, ready: Sequence[tuple[int, Timed]]) -> None:
+    def _name(self, ready: Sequence[tuple[int, TimedEpochs]]) -> None:
         """Name new sources in the order of the log: as their decoder does, or by the next free
         number.
 
@@ -161,13 +161,13 @@ class Conversion:
                     wanted += 1
                 self._names[number, source] = f"{prefix}{wanted}"
 
-    def _topic(self, number: int, rows: Rows) -> Topic | None:
+    def _topic(self, number: int, rows: EpochRows) -> TopicRows | None:
         """Return the topic of these rows; None if their source has no row with a time yet."""
         name = self._names.get((number, rows.source))
         if name is None:
             return None
         if (number, rows.source, rows.kind) not in self._topics:
-            self._topics[number, rows.source, rows.kind] = Topic(name, rows.kind)
+            self._topics[number, rows.source, rows.kind] = TopicRows(name, rows.kind)
         return self._topics[number, rows.source, rows.kind]
 
     def _facts(self) -> dict[str, dict[str, str]]:

@@ -4,29 +4,30 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS, WEEK_NS
-from spoofbench_converters.serial.frames import Places
+from spoofbench.arrays import Ints
+from spoofbench.gnss_time import DAY_NS, WEEK_NS
+from spoofbench_converters.serial.contract import ABSENT_NS
 
 _ALL_NS = 2**62
 ROLLOVER_NS = 1024 * WEEK_NS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Claims:
+class ClaimedTimes:
     """What epochs claim, in file order, int64 ``(n,)``: number of the protocol, and as in
     ``Epochs``.
     """
 
-    protocol: Places
-    claimed_ns: Places
-    period_ns: Places
+    protocol: Ints
+    claimed_ns: Ints
+    period_ns: Ints
 
-    def take(self, rows: slice) -> "Claims":
-        return Claims(self.protocol[rows], self.claimed_ns[rows], self.period_ns[rows])
+    def take(self, rows: slice) -> "ClaimedTimes":
+        return ClaimedTimes(self.protocol[rows], self.claimed_ns[rows], self.period_ns[rows])
 
 
 @dataclass(frozen=True, slots=True)
-class _Last:
+class _LastTime:
     """A protocol's last time: complete, and as it was known, with its period."""
 
     time_ns: int
@@ -35,7 +36,7 @@ class _Last:
 
 
 @dataclass(slots=True)
-class Calendar:
+class DateCompleter:
     """Completes times of day and of week.
 
     A time is completed to the value nearest to the last one of its protocol; the first one to the
@@ -56,10 +57,10 @@ class Calendar:
     rollovers: int
     dateless: int = 0
     used_date: bool = False
-    _last: dict[int, _Last] = field(default_factory=dict)
+    _last: dict[int, _LastTime] = field(default_factory=dict)
     _complete: int | None = None
 
-    def complete(self, claims: Claims) -> Places:
+    def complete(self, claims: ClaimedTimes) -> Ints:
         """Return the complete times of the next epochs, ``ABSENT_NS`` where there is none."""
         whole = np.where(
             (claims.period_ns == 0) & (claims.claimed_ns != ABSENT_NS),
@@ -81,7 +82,7 @@ class Calendar:
             self._complete = int(carried[-1])
         return times
 
-    def has_anchor(self, claims: Claims) -> bool:
+    def has_anchor(self, claims: ClaimedTimes) -> bool:
         """Whether any of these epochs, or one before them, has a date."""
         return (
             bool(self._last)
@@ -90,8 +91,8 @@ class Calendar:
         )
 
     def _of_protocol(
-        self, protocol: int, claimed: Places, period: Places, dated: tuple[Places, Places]
-    ) -> Places:
+        self, protocol: int, claimed: Ints, period: Ints, dated: tuple[Ints, Ints]
+    ) -> Ints:
         """Complete one protocol's times, of which none is absent."""
         whole, carried = dated
         last = self._last.get(protocol)
@@ -115,12 +116,10 @@ class Calendar:
         times = np.where(anchors == ABSENT_NS, ABSENT_NS, anchors + course)
         self.dateless += int(np.count_nonzero(times == ABSENT_NS))
         if times[-1] != ABSENT_NS:
-            self._last[protocol] = _Last(int(times[-1]), int(known[-1]), int(period[-1]))
+            self._last[protocol] = _LastTime(int(times[-1]), int(known[-1]), int(period[-1]))
         return np.asarray(times)
 
-    def _anchor(
-        self, claimed: Places, period: Places, carried: Places, found: tuple[Places, Places]
-    ) -> None:
+    def _anchor(self, claimed: Ints, period: Ints, carried: Ints, found: tuple[Ints, Ints]) -> None:
         """Date the first time that another protocol, or the reference date, dates, if none of its
         own is before.
         """
@@ -142,13 +141,13 @@ class Calendar:
         anchors[first] = near - course[first]
 
 
-def _carried(values: Places, start: int) -> Places:
+def _carried(values: Ints, start: int) -> Ints:
     """Return each value, or the last one before it that is there."""
     places = np.maximum.accumulate(np.where(values != ABSENT_NS, np.arange(values.size), -1))
     return np.where(places < 0, start, values[np.maximum(places, 0)])
 
 
-def _common_period(period: Places, before: Places) -> Places:
+def _common_period(period: Ints, before: Ints) -> Ints:
     """Return the period in which two times can be compared: the shorter one, or one beyond all
     times where both are complete.
     """
@@ -158,7 +157,7 @@ def _common_period(period: Places, before: Places) -> Places:
     return np.asarray(shorter, np.int64)
 
 
-def _nearest(steps: Places, period: Places) -> Places:
+def _nearest(steps: Ints, period: Ints) -> Ints:
     """Return steps reduced by whole periods to ``[-period / 2, period / 2)``."""
     return np.asarray((steps + period // 2) % period - period // 2, np.int64)
 

@@ -8,8 +8,8 @@ from typing import Literal
 from spoofbench.conversion import Item, Source
 from spoofbench_converters.nmea import Options
 from spoofbench_converters.nmea.decoder import NmeaDecoder
-from spoofbench_converters.serial.conversion import Conversion
-from spoofbench_converters.serial.sniffing import beginning
+from spoofbench_converters.serial.conversion import SerialConversion
+from spoofbench_converters.serial.demux import beginning
 from spoofbench_converters.ubx.decoder import UbxDecoder
 
 __all__ = ["UNIT", "VERSION", "Options", "convert", "sniff"]
@@ -29,6 +29,6 @@ def sniff(source: Source) -> float:
 def convert(source: Source, options: Options) -> Iterator[Item]:
     """Yield what a log holds; see :class:`spoofbench.conversion.Converter`."""
     with source.open() as stream:
-        yield from Conversion([UbxDecoder(), NmeaDecoder(options)], options).run(
+        yield from SerialConversion([UbxDecoder(), NmeaDecoder(options)], options).run(
             stream, source.path.name
         )

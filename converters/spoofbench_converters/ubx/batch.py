@@ -6,10 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Floats, Ints
 from spoofbench.conversion import Rejects
 from spoofbench.table import Column
-from spoofbench_converters.serial.contract import ABSENT_NS, Rows
-from spoofbench_converters.ubx.frames import Held, Ints
+from spoofbench_converters.serial.contract import ABSENT_NS, EpochRows
+from spoofbench_converters.ubx.frames import FrameBuffer
 from spoofbench_converters.ubx.messages import MESSAGES, NUMBER
 
 _SOLUTIONS = frozenset(
@@ -18,46 +19,46 @@ _SOLUTIONS = frozenset(
 _UNDECIDED, _USED, _REFUSED = 0, 1, 2
 
 
-Cells = dict[str, Any]
+FieldColumns = dict[str, Any]
 """Columns by field: arrays, or ``Column`` where a number, a flag or a text may be absent."""
 
 
-class Picked(NamedTuple):
+class MessageFrames(NamedTuple):
     """Frames of one message: their places in the batch, their epochs and their heads."""
 
     frames: Ints
     epoch: Ints
     head: NDArray[np.void]
 
-    def take(self, rows: NDArray[np.bool_]) -> "Picked":
+    def take(self, rows: Bools) -> "MessageFrames":
         """Return the frames that a mask selects."""
-        return Picked(self.frames[rows], self.epoch[rows], self.head[rows])
+        return MessageFrames(self.frames[rows], self.epoch[rows], self.head[rows])
 
 
-class Batch:
+class EpochBatch:
     """The frames of complete epochs, which are numbered from 0.
 
     ``conflicts`` counts solutions that differ from another of the same message in their epoch: what
     a second receiver gives.
     """
 
-    def __init__(self, held: Held, first: int, count: int) -> None:
+    def __init__(self, held: FrameBuffer, first: int, count: int) -> None:
         self.held = held
         self.epoch = held.epoch - first
         self.count = count
         self.conflicts = 0
         self._fate = np.zeros(held.number.size, np.int8)
         self._rejects: list[Rejects] = []
-        self._once: dict[str, Picked] = {}
+        self._once: dict[str, MessageFrames] = {}
 
-    def all_of(self, name: str, layout: np.dtype[np.void] | None = None) -> Picked:
+    def all_of(self, name: str, layout: np.dtype[np.void] | None = None) -> MessageFrames:
         """Return all frames of a message, in file order."""
         number = NUMBER[name]
         return self._picked(
             np.flatnonzero(self.held.number == number), layout or MESSAGES[number].head
         )
 
-    def one_of(self, name: str) -> Picked:
+    def one_of(self, name: str) -> MessageFrames:
         """Return the first frame of a message in each epoch that has one, by epoch; further ones
         are refused.
         """
@@ -65,7 +66,7 @@ class Batch:
             self._once[name] = self._first_of(name)
         return self._once[name]
 
-    def _first_of(self, name: str) -> Picked:
+    def _first_of(self, name: str) -> MessageFrames:
         number = NUMBER[name]
         rows = np.flatnonzero(self.held.number == number)
         epochs, first, place = np.unique(self.epoch[rows], return_index=True, return_inverse=True)
@@ -79,13 +80,13 @@ class Batch:
                 )
             self.refuse(rows[repeated], "repeated in its epoch")
             rows = rows[first]
-            return Picked(rows, epochs, heads[first])
+            return MessageFrames(rows, epochs, heads[first])
         return self._picked(rows, MESSAGES[number].head)
 
-    def _picked(self, rows: Ints, layout: np.dtype[np.void]) -> Picked:
-        return Picked(rows, self.epoch[rows], self.held.heads(rows, layout))
+    def _picked(self, rows: Ints, layout: np.dtype[np.void]) -> MessageFrames:
+        return MessageFrames(rows, self.epoch[rows], self.held.heads(rows, layout))
 
-    def blocks(self, name: str, picked: Picked) -> tuple[NDArray[np.void], Ints]:
+    def blocks(self, name: str, picked: MessageFrames) -> tuple[NDArray[np.void], Ints]:
         """Return the blocks of these frames, and the place in ``picked`` of each."""
         message = MESSAGES[NUMBER[name]]
         assert message.block is not None
@@ -118,10 +119,12 @@ class Batch:
         used = np.bincount(self.epoch, np.where(self._fate == _USED, self.held.used, 0), self.count)
         return used.astype(np.int64), self._rejects
 
-    def rows(self, source: str, kind: str, frames: Ints, columns: Cells, **times: Ints) -> Rows:
+    def rows(
+        self, source: str, kind: str, frames: Ints, columns: FieldColumns, **times: Ints
+    ) -> EpochRows:
         """Return rows of which each came from one frame."""
         received = self.held.receive_time_ns[frames]
-        return Rows(
+        return EpochRows(
             source,
             kind,
             self.epoch[frames],
@@ -131,14 +134,14 @@ class Batch:
         )
 
 
-class Fields:
+class EpochColumns:
     """Columns by epoch that several messages fill, the first that says a thing keeping it."""
 
     def __init__(self, count: int) -> None:
         self._count = count
-        self._columns: dict[str, NDArray[np.float64]] = {}
+        self._columns: dict[str, Floats] = {}
 
-    def __getitem__(self, name: str) -> NDArray[np.float64]:
+    def __getitem__(self, name: str) -> Floats:
         return self._columns.setdefault(name, np.full(self._count, np.nan))
 
     def __iter__(self) -> Iterator[str]:
@@ -160,20 +163,20 @@ class Fields:
             self[name][epoch[lacking]] = given[lacking]
 
 
-def whole(values: NDArray[np.float64], dtype: str = "int64") -> Column:
+def whole(values: Floats, dtype: str = "int64") -> Column:
     """Return floats as whole numbers, absent where NaN."""
     valid = ~np.isnan(values)
     return Column(np.where(valid, values, 0).astype(dtype), valid)
 
 
-def absent_where(mask: NDArray[np.bool_], values: NDArray[Any]) -> NDArray[np.float64]:
+def absent_where(mask: Bools, values: NDArray[Any]) -> Floats:
     """Return values as float64, NaN where masked, and where they are no finite number."""
     with np.errstate(invalid="ignore"):  # a signalling NaN
         result = values.astype(np.float64)
     return np.where(mask | ~np.isfinite(result), np.nan, result)
 
 
-def scaled(values: NDArray[Any], scale: float, unknown: int | None = None) -> NDArray[np.float64]:
+def scaled(values: NDArray[Any], scale: float, unknown: int | None = None) -> Floats:
     """Return whole numbers times a scale, NaN where they are the value that means unknown."""
     result = values.astype(np.float64) * scale
     return result if unknown is None else np.where(values == unknown, np.nan, result)

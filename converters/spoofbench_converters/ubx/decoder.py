@@ -8,16 +8,16 @@ import numpy as np
 
 from spoofbench.conversion import Rejects
 from spoofbench.errors import ConversionError
-from spoofbench_converters.serial.contract import ABSENT_NS, Epochs, Frames, Rows
-from spoofbench_converters.ubx import attitude, receiver, satellites
-from spoofbench_converters.ubx.batch import Batch
-from spoofbench_converters.ubx.claims import Clockwork
-from spoofbench_converters.ubx.device import Device
-from spoofbench_converters.ubx.frames import Held, accept
+from spoofbench_converters.serial.contract import ABSENT_NS, EpochRows, Epochs, Frames
+from spoofbench_converters.ubx import inertial, receiver, satellites
+from spoofbench_converters.ubx.batch import EpochBatch
+from spoofbench_converters.ubx.frames import FrameBuffer, accept
 from spoofbench_converters.ubx.grouping import Grouper
-from spoofbench_converters.ubx.inertial import TICK_BASIS, Sensors
+from spoofbench_converters.ubx.inertial import TICK_BASIS, UbxSensors
 from spoofbench_converters.ubx.merging import merged
+from spoofbench_converters.ubx.receiver import Device
 from spoofbench_converters.ubx.solution import Solutions
+from spoofbench_converters.ubx.times import TimeReader
 
 _CONFLICTS, _CONFLICT_SHARE = 20, 0.05
 
@@ -33,9 +33,9 @@ class UbxDecoder:
     protocol: Literal["ubx"] = "ubx"
 
     def __init__(self) -> None:
-        self._held = Held.none()
+        self._held = FrameBuffer.none()
         self._grouper = Grouper()
-        self._clockwork, self._device, self._sensors = Clockwork(), Device(), Sensors()
+        self._clockwork, self._device, self._sensors = TimeReader(), Device(), UbxSensors()
         self._solutions = {"NAV": Solutions(), "NAV2": Solutions()}
         self._integrity = receiver.Integrity()
         self._emitted = 0  # epochs
@@ -74,15 +74,15 @@ class UbxDecoder:
             return
         first = self._emitted
         self._emitted = end
-        batch = Batch(ready, first, end - first)
+        batch = EpochBatch(ready, first, end - first)
         epochs, rejects = self._decode(batch)
         self._conflicts += batch.conflicts
         yield from rejects
         yield epochs
 
-    def _decode(self, batch: Batch) -> tuple[Epochs, list[Rejects]]:
+    def _decode(self, batch: EpochBatch) -> tuple[Epochs, list[Rejects]]:
         claims = self._clockwork.read(batch)
-        rows: list[Rows] = []
+        rows: list[EpochRows] = []
         for system, source in (("NAV", "gnss0"), ("NAV2", "gnss1")):
             rows += self._solutions[system].rows(batch, claims, system, source)
             rows += satellites.signals(batch, system, source)
@@ -92,8 +92,8 @@ class UbxDecoder:
         rows += receiver.front_end(batch, "gnss0")
         rows += self._integrity.rows(batch, "gnss0")
         rows += receiver.time_marks(batch, "gnss0")
-        rows += attitude.navigation(batch, "ins0")
-        rows += attitude.high_rate(batch, claims, "ins1")
+        rows += inertial.navigation(batch, "ins0")
+        rows += inertial.high_rate(batch, claims, "ins1")
         rows += self._sensors.rows(batch)
         self._device.read(batch)
         rows = merged(rows)
@@ -138,7 +138,7 @@ class UbxDecoder:
         return told
 
 
-def _begins(batch: Batch) -> tuple[np.ndarray, np.ndarray]:
+def _begins(batch: EpochBatch) -> tuple[np.ndarray, np.ndarray]:
     """Return offset and receive time of each epoch's first frame."""
     offset, received = np.zeros(batch.count, np.int64), np.full(batch.count, ABSENT_NS)
     offset[batch.epoch[::-1]] = batch.held.offset[::-1]

@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Ints, Octets
 from spoofbench.conversion import Rejects
 from spoofbench_converters.serial.contract import Frames
 from spoofbench_converters.ubx.messages import (
@@ -22,8 +23,6 @@ from spoofbench_converters.ubx.messages import (
     offset_in,
 )
 from spoofbench_converters.ubx.names import name_of
-
-Ints = NDArray[np.int64]
 
 _LONGEST_FIXED = 128
 _BASE = np.array([message.head.itemsize for message in MESSAGES])
@@ -40,7 +39,7 @@ ROLES = np.array([message.role for message in MESSAGES])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Held:
+class FrameBuffer:
     """Frames of known messages, in file order; all arrays but ``octets`` are ``(k,)``.
 
     Attributes:
@@ -52,7 +51,7 @@ class Held:
         epoch: running number of its epoch.
     """
 
-    octets: NDArray[np.uint8]
+    octets: Octets
     number: Ints
     start: Ints
     size: Ints
@@ -122,7 +121,7 @@ def ragged(counts: Ints) -> Ints:
     return np.arange(ends[-1] if ends.size else 0) - np.repeat(ends - counts, counts)
 
 
-def pieces(octets: NDArray[np.uint8], starts: Ints, size: int) -> NDArray[np.uint8]:
+def pieces(octets: Octets, starts: Ints, size: int) -> Octets:
     """Return ``octets[start : start + size]`` of each start, uint8 ``(k, size)``."""
     if not starts.size or not size:
         return np.zeros((starts.size, size), np.uint8)
@@ -130,7 +129,7 @@ def pieces(octets: NDArray[np.uint8], starts: Ints, size: int) -> NDArray[np.uin
     return windows[starts].view(np.uint8).reshape(starts.size, size)
 
 
-def accept(frames: Frames) -> tuple[Held, list[Rejects]]:
+def accept(frames: Frames) -> tuple[FrameBuffer, list[Rejects]]:
     """Return the frames that a decoder can read, without epochs, and the others with the reason."""
     octets, starts = np.ascontiguousarray(frames.octets), frames.starts + PAYLOAD
     size = frames.lengths - FRAME_OVERHEAD
@@ -145,7 +144,7 @@ def accept(frames: Frames) -> tuple[Held, list[Rejects]]:
         *_reject(frames, key, known & ~polls & ~fits, "length not known"),
     ]
     nothing = np.full(starts.size, -1)
-    held = Held(
+    held = FrameBuffer(
         octets,
         number,
         starts,
@@ -159,9 +158,7 @@ def accept(frames: Frames) -> tuple[Held, list[Rejects]]:
     return replace(held, time_ms=_times(held)), rejects
 
 
-def _length_is_known(
-    octets: NDArray[np.uint8], start: Ints, size: Ints, number: Ints
-) -> NDArray[np.bool_]:
+def _length_is_known(octets: Octets, start: Ints, size: Ints, number: Ints) -> Bools:
     """Whether each payload's length is one of its message's, and agrees with the number of blocks
     that it tells.
     """
@@ -179,7 +176,7 @@ def _length_is_known(
     return known
 
 
-def _measurements(head: NDArray[np.uint8], size: Ints) -> NDArray[np.bool_]:
+def _measurements(head: Octets, size: Ints) -> Bools:
     """ESF-MEAS tells the number of data and whether a time tag follows them; before u-blox M8 it
     told no number.
     """
@@ -188,14 +185,14 @@ def _measurements(head: NDArray[np.uint8], size: Ints) -> NDArray[np.bool_]:
     return np.asarray((told + tagged == (size - 8) // 4) | (told == 0))
 
 
-def _security(head: NDArray[np.uint8], size: Ints) -> NDArray[np.bool_]:
+def _security(head: Octets, size: Ints) -> Bools:
     """SEC-SIG is 12 bytes in version 1; version 2 tells its number of blocks."""
     return np.asarray(
         ((head[:, 0] == 1) & (size == 12)) | ((head[:, 0] == 2) & (head[:, 3] == (size - 4) // 4))
     )
 
 
-def _times(held: Held) -> Ints:
+def _times(held: FrameBuffer) -> Ints:
     times = np.full(held.number.size, -1)
     for number, message in enumerate(MESSAGES):
         if not message.time:
@@ -206,7 +203,7 @@ def _times(held: Held) -> Ints:
     return times
 
 
-def _time_of(held: Held, rows: Ints, message: Message) -> Ints:
+def _time_of(held: FrameBuffer, rows: Ints, message: Message) -> Ints:
     kind, at = message.head[message.time], offset_in(message.head, message.time)
     told = pieces(held.octets, held.start[rows] + at, kind.itemsize).view(kind)[:, 0]
     if message.name == "RXM-RAWX":
@@ -219,9 +216,7 @@ def _time_of(held: Held, rows: Ints, message: Message) -> Ints:
     return np.maximum(times, -1) if message.role == Role.RAW else times
 
 
-def _reject(
-    frames: Frames, key: Ints, refused: NDArray[np.bool_], reason: str
-) -> Iterator[Rejects]:
+def _reject(frames: Frames, key: Ints, refused: Bools, reason: str) -> Iterator[Rejects]:
     for one in np.unique(key[refused]).tolist():
         rows = refused & (key == one)
         yield Rejects(frames.offsets()[rows], frames.used[rows], f"UBX {name_of(one)}: {reason}")

@@ -14,9 +14,9 @@ time belongs to the latest epoch begun.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spoofbench_converters.ubx.frames import ROLES, Held, Ints
+from spoofbench.arrays import Bools, Ints
+from spoofbench_converters.ubx.frames import ROLES, FrameBuffer
 from spoofbench_converters.ubx.messages import Role
 
 WEEK_MS = 604_800_000
@@ -75,7 +75,7 @@ class Grouper:
         """The number after the latest epoch's."""
         return self._latest + 1
 
-    def assign(self, held: Held) -> Ints:
+    def assign(self, held: FrameBuffer) -> Ints:
         """Return the epoch of each frame, int64 ``(k,)``."""
         if not held.number.size:
             return held.epoch
@@ -90,9 +90,7 @@ class Grouper:
         self._open = [group for group in self._open if group.first_run >= self._run - LATE_RUNS]
         return np.where(tells | (ROLES[held.number] == Role.RAW), epoch, latest)
 
-    def _anchors(
-        self, roles: Ints, told: Ints
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Ints]:
+    def _anchors(self, roles: Ints, told: Ints) -> tuple[Bools, Bools, Ints]:
         """Which frames decide on their epoch, which of them are raw, and the time that they bear,
         in ms.
         """
@@ -104,9 +102,7 @@ class Grouper:
         high_rate = (roles == Role.HIGH_RATE) & (apart > _HIGH_RATE_MS)
         return navigation | raw | high_rate, raw, np.where(high_rate, told // 1000 * 1000, told)
 
-    def _begins(
-        self, tells: NDArray[np.bool_], raw: NDArray[np.bool_], times: Ints
-    ) -> NDArray[np.bool_]:
+    def _begins(self, tells: Bools, raw: Bools, times: Ints) -> Bools:
         """Which frames begin a run, because they bear another time than the one before that bore
         one.
         """
@@ -129,7 +125,7 @@ class Grouper:
         self._anchor, self._leading = (int(now[-1]), bool(now_raw[-1])), False
         return begins
 
-    def _cut(self, begins: NDArray[np.bool_], tells: NDArray[np.bool_], size: Ints) -> None:
+    def _cut(self, begins: Bools, tells: Bools, size: Ints) -> None:
         """Begin further runs within those that are too large; mark them in ``begins``."""
         before = np.cumsum(size) - size
         edges = np.concatenate([[0], np.flatnonzero(begins), [size.size]])
@@ -149,9 +145,7 @@ class Grouper:
         total = int(before[-1] + size[-1])
         self._filled = total - int(before[last[-1]]) if last.size else total + self._filled
 
-    def _epochs(
-        self, runs: Ints, tells: NDArray[np.bool_], raw: NDArray[np.bool_], times: Ints
-    ) -> Ints:
+    def _epochs(self, runs: Ints, tells: Bools, raw: Bools, times: Ints) -> Ints:
         """Return the epoch of each run from the one under way on."""
         count = int(runs[-1]) - self._run + 1
         telling = np.flatnonzero(tells)
@@ -213,7 +207,7 @@ def _recent(times: Ints) -> Ints:
     return largest
 
 
-def _latest(values: Ints, given: NDArray[np.bool_], before: int) -> Ints:
+def _latest(values: Ints, given: Bools, before: int) -> Ints:
     """Return the last given value up to each place."""
     places = np.maximum.accumulate(np.where(given, np.arange(values.size), -1))
     return np.asarray(np.where(places >= 0, values[np.maximum(places, 0)], before))

@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Ints
 from spoofbench.schema import KINDS
 from spoofbench.table import Column
-from spoofbench_converters.serial.contract import ABSENT_NS, Rows
-from spoofbench_converters.ubx.frames import Ints
+from spoofbench_converters.serial.contract import ABSENT_NS, EpochRows
 
 
-def merged(rows: Sequence[Rows]) -> list[Rows]:
-    """Return one :class:`Rows` per source and kind that has any, in the order of epochs; those of
+def merged(rows: Sequence[EpochRows]) -> list[EpochRows]:
+    """Return one :class:`EpochRows` per source and kind that has any, in the order of epochs; those of
     one epoch stay in the order given.
     """
-    topics: dict[tuple[str, str], list[Rows]] = {}
+    topics: dict[tuple[str, str], list[EpochRows]] = {}
     for one in rows:
         if not one.epoch.size:
             continue
@@ -31,12 +31,12 @@ def _in_order(epoch: Ints) -> bool:
     return bool(np.all(epoch[1:] >= epoch[:-1]))
 
 
-def _merge(parts: Sequence[Rows]) -> Rows:
+def _merge(parts: Sequence[EpochRows]) -> EpochRows:
     epoch = np.concatenate([part.epoch for part in parts])
     order = np.argsort(epoch, kind="stable")
     kind = parts[0].kind
     names = [name for name in KINDS[kind].fields if any(name in part.columns for part in parts)]
-    return Rows(
+    return EpochRows(
         parts[0].source,
         kind,
         epoch[order],
@@ -55,10 +55,10 @@ def _times(parts: Sequence[tuple[Ints | None, int]], absent: int, order: Ints) -
     )[order]
 
 
-def _column(kind: str, name: str, parts: Sequence[Rows], order: Ints) -> Any:
+def _column(kind: str, name: str, parts: Sequence[EpochRows], order: Ints) -> Any:
     field = KINDS[kind].fields[name]
     values: list[NDArray[Any]] = []
-    valid: list[NDArray[np.bool_]] = []
+    valid: list[Bools] = []
     words: dict[Any, int] = {}
     for part in parts:
         cells, size = part.columns.get(name), part.epoch.size

@@ -1,13 +1,25 @@
-"""The receiver's own state: clock, front end, its word on jamming and spoofing, time marks."""
+"""What the receiver tells of itself: clock, front end, its word on jamming and spoofing, time
+marks, and metadata.
+"""
+
+import json
+import re
+from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Ints
 from spoofbench.schema.v1 import gnss_pb2
 from spoofbench.table import Column
-from spoofbench_converters.serial.contract import Rows
-from spoofbench_converters.ubx.batch import NO_ACCURACY, Batch, Cells, absent_where, scaled
-from spoofbench_converters.ubx.frames import Ints
+from spoofbench_converters.serial.contract import EpochRows
+from spoofbench_converters.ubx.batch import (
+    NO_ACCURACY,
+    EpochBatch,
+    FieldColumns,
+    absent_where,
+    scaled,
+)
 from spoofbench_converters.ubx.messages import MON_HW_6, SEC_SIG
 
 _AGC_RANGE, _JAM_RANGE = 8191, 255
@@ -33,14 +45,14 @@ _SIGLOG_STARTED, _SIGLOG_STOPPED = 0, 1
 _TIME_BASES = ("receiver", "gnss", "utc")
 
 
-def clock(batch: Batch, system: str, source: str) -> list[Rows]:
+def clock(batch: EpochBatch, system: str, source: str) -> list[EpochRows]:
     """Return ``gnss/clock`` rows of NAV-CLOCK: ns, ns/s, ns and ps/s."""
     picked = batch.one_of(f"{system}-CLOCK")
     if not picked.frames.size:
         return []
     batch.use(picked.frames)
     head = picked.head
-    columns: Cells = {
+    columns: FieldColumns = {
         "bias_s": scaled(head["clkB"], 1e-9),
         "drift_sps": scaled(head["clkD"], 1e-9),
         "acc_s": scaled(head["tAcc"], 1e-9, NO_ACCURACY),
@@ -49,7 +61,7 @@ def clock(batch: Batch, system: str, source: str) -> list[Rows]:
     return [batch.rows(source, "gnss/clock", picked.frames, columns)]
 
 
-def front_end(batch: Batch, source: str) -> list[Rows]:
+def front_end(batch: EpochBatch, source: str) -> list[EpochRows]:
     """Return ``gnss/rf`` rows, one per block of MON-RF, one per MON-HW in epochs without MON-RF.
 
     The AGC count is told as a share of 8191, the jamming indicator of 255 (UBX-MON-RF, agcCnt and
@@ -78,7 +90,7 @@ def front_end(batch: Batch, source: str) -> list[Rows]:
     return found
 
 
-def _gain(fields: NDArray[np.void]) -> Cells:
+def _gain(fields: NDArray[np.void]) -> FieldColumns:
     return {
         "agc": fields["agcCnt"] / _AGC_RANGE,
         "noise": fields["noisePerMS"].astype(float),
@@ -86,7 +98,7 @@ def _gain(fields: NDArray[np.void]) -> Cells:
     }
 
 
-def _hardware(batch: Batch) -> tuple[Ints, NDArray[np.void]]:
+def _hardware(batch: EpochBatch) -> tuple[Ints, NDArray[np.void]]:
     """Return the frames of MON-HW, and the fields that its two layouts share."""
     new, old = batch.all_of("MON-HW"), batch.all_of("MON-HW", MON_HW_6)
     names = ["noisePerMS", "agcCnt", "flags", "jamInd"]
@@ -115,7 +127,7 @@ class Integrity:
     def __init__(self) -> None:
         self._has_security = False
 
-    def rows(self, batch: Batch, source: str) -> list[Rows]:
+    def rows(self, batch: EpochBatch, source: str) -> list[EpochRows]:
         """Return the rows of a batch."""
         found = []
         security = batch.all_of("SEC-SIG", SEC_SIG)
@@ -131,7 +143,7 @@ class Integrity:
         return [*_older(batch, older, source), *found, *_events(batch, source)]
 
 
-def _security(head: NDArray[np.void]) -> Cells:
+def _security(head: NDArray[np.void]) -> FieldColumns:
     old = head["version"] == 1
     jam, spoof = (
         np.where(old, head["jam"], head["both"] & 7),
@@ -149,7 +161,7 @@ def _state(states: NDArray[np.integer], told: NDArray[np.integer]) -> NDArray[np
     return np.where(told < states.size, states[np.minimum(told, states.size - 1)], 0)
 
 
-def _older(batch: Batch, wanted: NDArray[np.bool_], source: str) -> list[Rows]:
+def _older(batch: EpochBatch, wanted: Bools, source: str) -> list[EpochRows]:
     """Return one row per wanted epoch with NAV-STATUS, MON-RF or MON-HW."""
     spoofing, jamming = np.full(batch.count, -1), np.full(batch.count, -1)
     raw, frame = np.zeros(batch.count, np.int64), np.full(batch.count, -1)
@@ -173,7 +185,7 @@ def _older(batch: Batch, wanted: NDArray[np.bool_], source: str) -> list[Rows]:
     if not told.size:
         return []
     batch.use(frame[told])
-    columns: Cells = {
+    columns: FieldColumns = {
         "spoofing": Column(np.maximum(spoofing[told], 0), spoofing[told] >= 0),
         "jamming": Column(np.maximum(jamming[told], 0), jamming[told] >= 0),
         "raw": raw[told],
@@ -181,7 +193,7 @@ def _older(batch: Batch, wanted: NDArray[np.bool_], source: str) -> list[Rows]:
     return [batch.rows(source, "gnss/integrity", frame[told], columns)]
 
 
-def _events(batch: Batch, source: str) -> list[Rows]:
+def _events(batch: EpochBatch, source: str) -> list[EpochRows]:
     """Return rows of the events in SEC-SIGLOG that began within a second of its output.
 
     A report lists past events again and again; those that are older were either reported before or
@@ -201,7 +213,7 @@ def _events(batch: Batch, source: str) -> list[Rows]:
         return []
     event = blocks[fresh]
     began = event["eventType"] == _SIGLOG_STARTED
-    columns: Cells = {
+    columns: FieldColumns = {
         "spoofing": np.where(
             began, gnss_pb2.SPOOFING_STATE_INDICATED, gnss_pb2.SPOOFING_STATE_NONE
         ),
@@ -210,7 +222,7 @@ def _events(batch: Batch, source: str) -> list[Rows]:
     return [batch.rows(source, "gnss/integrity", frames, columns)]
 
 
-def time_marks(batch: Batch, source: str) -> list[Rows]:
+def time_marks(batch: EpochBatch, source: str) -> list[EpochRows]:
     """Return ``gnss/timemark`` rows of TIM-TM2: the edges that are new, in its week and time of
     week where its time is valid.
     """
@@ -224,7 +236,7 @@ def time_marks(batch: Batch, source: str) -> list[Rows]:
         return []
     batch.use(frames)
     base = flags[keep].astype(np.int64) >> 3 & 3
-    columns: Cells = {
+    columns: FieldColumns = {
         "channel": head["ch"].astype(np.int64),
         "count": head["count"].astype(np.int64),
         "acc_s": scaled(head["accEst"], 1e-9, NO_ACCURACY),
@@ -240,3 +252,95 @@ def time_marks(batch: Batch, source: str) -> list[Rows]:
         tow = head[f"towMs{letter}"].astype(np.float64) * 1e-3 + head[f"towSubMs{letter}"] * 1e-9
         columns[f"{edge}_tow_s"] = absent_where(~told, tow)
     return [batch.rows(source, "gnss/timemark", frames, columns)]
+
+
+_FUSION = ("initialising", "fusing", "suspended", "disabled")
+_ALIGNMENT = (
+    "user-defined",
+    "roll and pitch under way",
+    "roll, pitch and yaw under way",
+    "coarse",
+    "fine",
+)
+_CALIBRATION = ("none", "calibrating", "calibrated", "calibrated")
+_TOLD = "told in the metadata"
+_KEYS = {"MOD": "device", "FWVER": "firmware", "PROTVER": "protocol_version"}
+
+
+class Device:
+    """Gathers metadata; the last word counts."""
+
+    def __init__(self) -> None:
+        self.receiver: dict[str, str] = {}
+        self.alignment: dict[str, str] = {}
+        self.fusion: dict[str, str] = {}
+        self._modes: Counter[str] = Counter()
+
+    @property
+    def fused(self) -> bool:
+        """Whether the receiver has said that it fuses inertial sensors into its solution."""
+        return self._modes["fusing"] > 0
+
+    def read(self, batch: EpochBatch) -> None:
+        """Take what a batch tells."""
+        self._version(batch)
+        self._alignment(batch)
+        self._status(batch)
+
+    def _version(self, batch: EpochBatch) -> None:
+        picked = batch.all_of("MON-VER")
+        batch.refuse(picked.frames, _TOLD)
+        if not picked.frames.size:
+            return
+        blocks, place = batch.blocks("MON-VER", picked)
+        head = picked.head[-1]
+        software, hardware = _text(head["swVersion"]), _text(head["hwVersion"])
+        told = {"device": hardware, "firmware": software, "hardware": hardware}
+        for extension in blocks["extension"][place == picked.frames.size - 1].tolist():
+            name, *value = re.split("[= ]", _text(extension), maxsplit=1)
+            if name in _KEYS and value:
+                told[_KEYS[name]] = value[0]
+        self.receiver = {name: value for name, value in told.items() if value}
+
+    def _alignment(self, batch: EpochBatch) -> None:
+        picked = batch.all_of("ESF-ALG")
+        batch.refuse(picked.frames, _TOLD)
+        if picked.frames.size:
+            head = picked.head[-1]
+            status = int(head["flags"]) >> 1 & 7
+            self.alignment = {
+                f"mounting_{axis}_deg": f"{int(head[axis]) / 100:g}"
+                for axis in ("roll", "pitch", "yaw")
+            }
+            self.alignment["mounting_status"] = (
+                _ALIGNMENT[status] if status < len(_ALIGNMENT) else str(status)
+            )
+
+    def _status(self, batch: EpochBatch) -> None:
+        picked = batch.all_of("ESF-STATUS")
+        batch.refuse(picked.frames, _TOLD)
+        if not picked.frames.size:
+            return
+        for mode, count in zip(
+            *np.unique(picked.head["fusionMode"], return_counts=True), strict=True
+        ):
+            self._modes[_FUSION[mode] if mode < len(_FUSION) else str(mode)] += int(count)
+        blocks, place = batch.blocks("ESF-STATUS", picked)
+        sensors = [
+            {
+                "type": int(one["sensStatus1"]) & 63,
+                "used": bool(one["sensStatus1"] & 64),
+                "calibration": _CALIBRATION[int(one["sensStatus2"]) & 3],
+            }
+            for one in blocks[place == picked.frames.size - 1]
+        ]
+        self.fusion = {
+            "fusion_reports": json.dumps(dict(sorted(self._modes.items()))),
+            "fusion_sensors": json.dumps(sensors),
+        }
+
+
+def _text(raw: bytes) -> str:
+    """Return text up to its first zero byte, printable characters only."""
+    text = bytes(raw).split(b"\0")[0].decode("latin-1")
+    return "".join(letter for letter in text if letter.isprintable()).strip()

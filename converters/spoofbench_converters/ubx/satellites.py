@@ -1,18 +1,92 @@
-"""Satellites: signals in view, raw observations, and the bits that they broadcast."""
+"""Satellites: how they are numbered, signals in view, raw observations, and the bits that they
+broadcast.
+
+Sources: u-blox F9 HPG 1.51 interface description (UBX-23010894), sections GNSS identifiers,
+Satellite identifiers, Signal identifiers; u-blox 8/M8 receiver description (UBX-13003221), appendix
+Satellite Numbering; RINEX 3.05, tables 9 to 15.
+"""
 
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Ints, Octets
 from spoofbench.table import Column, encode_words
-from spoofbench_converters.serial.contract import Rows
-from spoofbench_converters.ubx.batch import Batch, Cells, absent_where
-from spoofbench_converters.ubx.frames import Ints
-from spoofbench_converters.ubx.numbering import GLONASS, constellation, numbered, signal_codes
+from spoofbench_converters.serial.contract import EpochRows
+from spoofbench_converters.ubx.batch import EpochBatch, FieldColumns, absent_where
+
+GPS, SBAS, GALILEO, BEIDOU, IMES, QZSS, GLONASS, NAVIC = range(
+    8
+)  # u-blox's gnssId; the schema's number is one higher
+_NONE = 255
+
+_CODES = {
+    GPS: {0: "1C", 3: "2L", 4: "2S", 6: "5I", 7: "5Q"},
+    SBAS: {0: "1C"},
+    GALILEO: {0: "1C", 1: "1B", 3: "5I", 4: "5Q", 5: "7I", 6: "7Q", 8: "6B", 9: "6C", 10: "6A"},
+    BEIDOU: {
+        0: "2I",
+        1: "2I",
+        2: "7I",
+        3: "7I",
+        4: "6I",
+        5: "1P",
+        6: "1D",
+        7: "5P",
+        8: "5D",
+        10: "6I",
+    },
+    QZSS: {0: "1C", 1: "1Z", 4: "2S", 5: "2L", 8: "5I", 9: "5Q", 12: "1E"},
+    GLONASS: {0: "1C", 2: "2C"},
+    NAVIC: {0: "5A"},
+}
+_WORDS = tuple(sorted({code for codes in _CODES.values() for code in codes.values()}))
+_CODE = np.full((256, 256), -1, np.int32)
+for _gnss, _codes in _CODES.items():
+    for _signal_id, _code in _codes.items():
+        _CODE[_gnss, _signal_id] = _WORDS.index(_code)
+
+_SINGLE = np.full(
+    (256, 2), _NONE
+)  # gnssId and svId by the single number of receivers before u-blox 8
+for _gnss, _first, _last, _number in (
+    (GPS, 1, 32, 1),
+    (BEIDOU, 33, 64, 6),
+    (GLONASS, 65, 96, 1),
+    (SBAS, 120, 158, 120),
+    (BEIDOU, 159, 163, 1),
+    (IMES, 173, 182, 1),
+    (QZSS, 193, 202, 1),
+    (GALILEO, 211, 246, 1),
+):
+    _SINGLE[_first : _last + 1, 0] = _gnss
+    _SINGLE[_first : _last + 1, 1] = np.arange(_number, _number + _last - _first + 1)
+_SINGLE[_NONE, 0] = GLONASS  # a satellite whose slot is not known yet
 
 
-def signals(batch: Batch, system: str, source: str) -> list[Rows]:
+def constellation(single: Octets) -> tuple[Ints, Ints]:
+    """Return gnssId and svId of satellites in the single numbering, 255 where unknown."""
+    return _SINGLE[single, 0], _SINGLE[single, 1]
+
+
+def numbered(gnss: NDArray[np.integer], number: NDArray[np.integer]) -> FieldColumns:
+    """Return the columns ``constellation`` and ``svid``; a GLONASS satellite of unknown slot has no
+    number.
+    """
+    known = gnss <= NAVIC
+    return {
+        "constellation": Column(np.where(known, gnss.astype(np.int64) + 1, 0), known),
+        "svid": Column(np.where(number == _NONE, 0, number.astype(np.int64)), number != _NONE),
+    }
+
+
+def signal_codes(gnss: NDArray[np.integer], signal: NDArray[np.integer]) -> Column:
+    """Return the RINEX 3 band and attribute of each u-blox sigId, absent where not known."""
+    return Column(_CODE[gnss, signal], None, _WORDS)
+
+
+def signals(batch: EpochBatch, system: str, source: str) -> list[EpochRows]:
     """Return ``gnss/signal`` rows of NAV-SIG, with directions of NAV-SAT; where an epoch has no
     NAV-SIG of NAV-SAT, or NAV-SVINFO.
 
@@ -44,9 +118,9 @@ def signals(batch: Batch, system: str, source: str) -> list[Rows]:
     return found
 
 
-def _signal(name: str, blocks: NDArray[np.void]) -> Cells:
+def _signal(name: str, blocks: NDArray[np.void]) -> FieldColumns:
     silent = blocks["cno"] == 0
-    columns: Cells = {"cn0_dbhz": absent_where(silent, blocks["cno"])}
+    columns: FieldColumns = {"cn0_dbhz": absent_where(silent, blocks["cno"])}
     if name == "SIG":
         columns |= numbered(blocks["gnssId"], blocks["svId"])
         columns |= {
@@ -70,7 +144,7 @@ def _signal(name: str, blocks: NDArray[np.void]) -> Cells:
     return columns | _direction(blocks["elev"], blocks["azim"])
 
 
-def _direction(elevation: NDArray[np.int8], azimuth: NDArray[np.int16]) -> Cells:
+def _direction(elevation: NDArray[np.int8], azimuth: NDArray[np.int16]) -> FieldColumns:
     unknown = np.abs(elevation.astype(np.int64)) > 90
     return {
         "elevation_deg": absent_where(unknown, elevation),
@@ -80,7 +154,7 @@ def _direction(elevation: NDArray[np.int8], azimuth: NDArray[np.int16]) -> Cells
 
 def _directions(
     epoch: Ints, blocks: NDArray[np.void], sky_epoch: Ints, sky: NDArray[np.void]
-) -> Cells:
+) -> FieldColumns:
     """Find each signal's satellite among those of NAV-SAT in its epoch."""
     wanted = epoch << 16 | blocks["gnssId"].astype(np.int64) << 8 | blocks["svId"]
     have = sky_epoch << 16 | sky["gnssId"].astype(np.int64) << 8 | sky["svId"]
@@ -93,7 +167,7 @@ def _directions(
     return {name: absent_where(~found, values) for name, values in columns.items()}
 
 
-def observations(batch: Batch, source: str) -> list[Rows]:
+def observations(batch: EpochBatch, source: str) -> list[EpochRows]:
     """Return ``gnss/observation`` rows of RXM-RAWX, RXM-RAW, or, in epochs without either,
     RXM-MEASX.
     """
@@ -116,7 +190,7 @@ def observations(batch: Batch, source: str) -> list[Rows]:
     return found
 
 
-def _rawx(blocks: NDArray[np.void], version: NDArray[np.uint8]) -> Cells:
+def _rawx(blocks: NDArray[np.void], version: Octets) -> FieldColumns:
     """UBX-RXM-RAWX: standard deviations are 0.01 m and 0.002 Hz times a power of two, and steps of
     0.004 cycles, 15 of which mean none.
 
@@ -141,7 +215,7 @@ def _rawx(blocks: NDArray[np.void], version: NDArray[np.uint8]) -> Cells:
     }
 
 
-def _raw(blocks: NDArray[np.void]) -> Cells:
+def _raw(blocks: NDArray[np.void]) -> FieldColumns:
     """UBX-RXM-RAW, GPS L1 of timing receivers before u-blox M8: mesQI from 4 on range and Doppler
     are good, from 5 on the carrier too.
     """
@@ -156,7 +230,7 @@ def _raw(blocks: NDArray[np.void]) -> Cells:
     }
 
 
-def _measx(blocks: NDArray[np.void]) -> Cells:
+def _measx(blocks: NDArray[np.void]) -> FieldColumns:
     """UBX-RXM-MEASX: Doppler in steps of 0.2 Hz; its code phases are no pseudoranges, for they lack
     the whole milliseconds.
     """
@@ -166,7 +240,7 @@ def _measx(blocks: NDArray[np.void]) -> Cells:
     }
 
 
-def navigation_data(batch: Batch, source: str) -> list[Rows]:
+def navigation_data(batch: EpochBatch, source: str) -> list[EpochRows]:
     """Return ``gnss/navdata`` rows of RXM-SFRBX and RXM-SFRB: words of 32 bits as received, most
     significant byte first.
 

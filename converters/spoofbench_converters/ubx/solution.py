@@ -8,21 +8,22 @@ inertial sensors.
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Floats
 from spoofbench.schema.v1 import gnss_pb2
 from spoofbench.table import Column
-from spoofbench_converters.serial.contract import Rows
+from spoofbench_converters.serial.contract import EpochRows
 from spoofbench_converters.ubx.batch import (
     NO_ACCURACY,
     NO_DOP,
-    Batch,
-    Cells,
-    Fields,
-    Picked,
+    EpochBatch,
+    EpochColumns,
+    FieldColumns,
+    MessageFrames,
     absent_where,
     scaled,
     whole,
 )
-from spoofbench_converters.ubx.claims import Claims
+from spoofbench_converters.ubx.times import EpochTimes
 
 _SOLUTIONS = (
     "PVT",
@@ -55,10 +56,10 @@ _VELOCITY = ("vel_n_mps", "vel_e_mps", "vel_d_mps")
 
 def fix_type(
     fix: NDArray[np.integer],
-    ok: NDArray[np.bool_],
-    differential: NDArray[np.bool_],
+    ok: Bools,
+    differential: Bools,
     carrier: NDArray[np.integer],
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the schema's ``FixType`` of u-blox's, as floats, NaN where it is none of the described
     (UBX-NAV-PVT, fixType and flags).
 
@@ -85,7 +86,9 @@ class Solutions:
         self.fused = False
         self.fixed = False
 
-    def rows(self, batch: Batch, claims: Claims, system: str, source: str) -> list[Rows]:
+    def rows(
+        self, batch: EpochBatch, claims: EpochTimes, system: str, source: str
+    ) -> list[EpochRows]:
         """Return the rows of the solutions of one system, ``NAV`` or ``NAV2``."""
         names = [name for name in _SOLUTIONS if system == "NAV" or name not in _PRIMARY_ONLY]
         picked = {name: batch.one_of(f"{system}-{name}") for name in names}
@@ -95,7 +98,7 @@ class Solutions:
             batch.use(one.frames)
         if not told.any():
             return []
-        fields = Fields(batch.count)
+        fields = EpochColumns(batch.count)
         self._fix(fields, batch, system, picked)
         _geodetic(fields, picked)
         _earth_centred(fields, picked)
@@ -105,15 +108,17 @@ class Solutions:
             fields[name][nowhere] = np.nan
         epochs = np.arange(batch.count)
         fields.fill(epochs, gps_week=claims.week, tow_s=claims.tow_s)
-        columns: Cells = {
+        columns: FieldColumns = {
             name: whole(fields[name][told], _WHOLE[name]) if name in _WHOLE else fields[name][told]
             for name in fields
         }
         valid = claims.time_valid[told]
         columns["time_valid"] = Column(valid == 1, ~np.isnan(valid))
-        return [Rows(source, "gnss/pvt", epochs[told], columns)]
+        return [EpochRows(source, "gnss/pvt", epochs[told], columns)]
 
-    def _fix(self, fields: Fields, batch: Batch, system: str, picked: dict[str, Picked]) -> None:
+    def _fix(
+        self, fields: EpochColumns, batch: EpochBatch, system: str, picked: dict[str, MessageFrames]
+    ) -> None:
         for name in ("PVT", "PVAT"):
             head = picked[name].head
             flags = head["flags"]
@@ -132,7 +137,7 @@ class Solutions:
         self.fixed |= bool(np.any(fields["fix_type"] > gnss_pb2.FIX_TYPE_NONE))
 
 
-def llh(head: NDArray[np.void], invalid: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
+def llh(head: NDArray[np.void], invalid: Bools) -> dict[str, Floats]:
     """Return position columns of the fields lon, lat (1e-7 deg), height, hMSL (mm), with their
     extra digits where the message has them.
     """
@@ -149,7 +154,7 @@ def llh(head: NDArray[np.void], invalid: NDArray[np.bool_]) -> dict[str, NDArray
     return result
 
 
-def _geodetic(fields: Fields, picked: dict[str, Picked]) -> None:
+def _geodetic(fields: EpochColumns, picked: dict[str, MessageFrames]) -> None:
     for name in ("HPPOSLLH", "PVT", "PVAT", "POSLLH"):
         if name not in picked:
             continue
@@ -182,7 +187,7 @@ def _geodetic(fields: Fields, picked: dict[str, Picked]) -> None:
         fields.fill(epoch, s_acc_mps=scaled(head["sAcc"], unit, NO_ACCURACY))
 
 
-def _earth_centred(fields: Fields, picked: dict[str, Picked]) -> None:
+def _earth_centred(fields: EpochColumns, picked: dict[str, MessageFrames]) -> None:
     """Take positions in cm and velocities in cm/s, earth-centred, where no message tells them
     otherwise.
     """
@@ -211,9 +216,7 @@ def _earth_centred(fields: Fields, picked: dict[str, Picked]) -> None:
         fields.fill(epoch, s_acc_mps=scaled(head["sAcc"], 1e-2, NO_ACCURACY))
 
 
-def ned(
-    velocity: NDArray[np.float64], lat_deg: NDArray[np.float64], lon_deg: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], ...]:
+def ned(velocity: Floats, lat_deg: Floats, lon_deg: Floats) -> tuple[Floats, ...]:
     """Turn earth-centred velocities ``(3, n)`` into north, east and down at these places."""
     lat, lon = np.radians(lat_deg), np.radians(lon_deg)
     x, y, z = velocity
@@ -225,7 +228,9 @@ def ned(
     )
 
 
-def _precision(fields: Fields, batch: Batch, system: str, picked: dict[str, Picked]) -> None:
+def _precision(
+    fields: EpochColumns, batch: EpochBatch, system: str, picked: dict[str, MessageFrames]
+) -> None:
     """Take dilutions, covariances and the accuracy of time."""
     dop = batch.one_of(f"{system}-DOP")
     for column, field in (("pdop", "pDOP"), ("hdop", "hDOP"), ("vdop", "vDOP")):

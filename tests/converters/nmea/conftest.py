@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spoofbench_converters.nmea.decoder import NmeaDecoder
-from spoofbench_converters.nmea.options import DecoderOptions
+from spoofbench_converters.nmea.decoder import DecoderOptions, NmeaDecoder
 from spoofbench_converters.serial.contract import ABSENT_NS, Epochs, Frames
 
 from spoofbench.conversion import Rejects

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS
+from spoofbench_converters.serial.contract import ABSENT_NS
+
+from spoofbench.gnss_time import DAY_NS
 
 SECOND_NS = 10**9
 
@@ -331,7 +333,7 @@ def test_a_log_of_an_imu_alone(nmea: ModuleType) -> None:
 def test_an_epoch_is_bounded(nmea: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """What follows the last fix is kept, in epochs without a time, however it comes in pieces."""
     monkeypatch.setattr("spoofbench_converters.nmea.epochs.MAX_SENTENCES", 50)
-    monkeypatch.setattr("spoofbench_converters.nmea.receivers.JUDGED", 20)
+    monkeypatch.setattr("spoofbench_converters.nmea.decoder.JUDGED", 20)
     bodies = [
         gga("120000.00"),
         *["VNIMU,1,2,3,4,5,6,7,8,9,20,101.3"] * 130,
@@ -390,7 +392,7 @@ def test_pieces_make_no_difference_and_every_byte_has_an_owner(
     nmea: ModuleType, bodies: list[str], cuts: Sequence[int]
 ) -> None:
     with (
-        patch("spoofbench_converters.nmea.receivers.JUDGED", 5),
+        patch("spoofbench_converters.nmea.decoder.JUDGED", 5),
         patch("spoofbench_converters.nmea.epochs.MAX_SENTENCES", 12),
     ):
         assert_same_in_pieces(nmea, nmea.log(*bodies), cuts)
@@ -410,7 +412,7 @@ def test_times_are_remembered_from_piece_to_piece(nmea: ModuleType) -> None:
     ):
         octets = nmea.log(gga("120000.10"), gga("120001.10"), *tail)
         with (
-            patch("spoofbench_converters.nmea.receivers.JUDGED", 1),
+            patch("spoofbench_converters.nmea.decoder.JUDGED", 1),
             patch("spoofbench_converters.nmea.epochs.MAX_SENTENCES", 12),
         ):
             epochs, _, _ = nmea.decode([nmea.frames(octets)])
@@ -424,7 +426,7 @@ def test_times_are_remembered_from_piece_to_piece(nmea: ModuleType) -> None:
 def test_real_logs_in_pieces(
     real_log: Any, nmea: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("spoofbench_converters.nmea.receivers.JUDGED", 300)
+    monkeypatch.setattr("spoofbench_converters.nmea.decoder.JUDGED", 300)
     octets = nmea.content(real_log)[:600_000]
     rng = np.random.default_rng(len(octets))
     assert_same_in_pieces(nmea, octets, rng.integers(0, len(octets), 12).tolist())

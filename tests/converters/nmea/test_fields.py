@@ -9,9 +9,8 @@ import pynmea2
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spoofbench_converters.nmea import fields, utc
-from spoofbench_converters.nmea.addresses import Addresses
-from spoofbench_converters.nmea.batch import read_frames
+from spoofbench_converters.nmea import fields
+from spoofbench_converters.nmea.batch import Addresses, read_frames
 from spoofbench_converters.nmea.sentences import KMH_MPS, KNOT_MPS
 from spoofbench_converters.serial.contract import ABSENT_NS
 
@@ -23,10 +22,10 @@ NOT_NUMBERS = st.text(
 )
 
 
-def cells(texts: list[str]) -> fields.Cells:
+def cells(texts: list[str]) -> fields.FieldCells:
     joined = ",".join(texts).encode() + b","
     lengths = np.array([len(text) for text in texts], np.int64)
-    return fields.Cells(
+    return fields.FieldCells(
         np.frombuffer(joined, np.uint8), np.cumsum(lengths + 1) - lengths - 1, lengths
     )
 
@@ -66,7 +65,7 @@ def test_times_of_day(times: list[tuple[Any, int]]) -> None:
             ((time.hour * 60 + time.minute) * 60 + time.second) * 10**9
             + (micro * 1000 if decimals else 0)
         )
-    value, readable = utc.time_of_day(cells(texts))
+    value, readable = fields.time_of_day(cells(texts))
     assert readable.all()
     assert value.tolist() == expected
 
@@ -75,34 +74,25 @@ def test_times_of_day(times: list[tuple[Any, int]]) -> None:
     "text", ["240001", "126000", "120061", "-10000", "12:00:00", "1e5", "120000.1234567890"]
 )
 def test_what_is_no_time_of_day(text: str) -> None:
-    assert not utc.time_of_day(cells([text]))[1][0]
+    assert not fields.time_of_day(cells([text]))[1][0]
 
 
 def test_leap_seconds_and_the_end_of_the_day() -> None:
-    value, readable = utc.time_of_day(cells(["235960", "235960.5", "240000", ""]))
+    value, readable = fields.time_of_day(cells(["235960", "235960.5", "240000", ""]))
     assert readable.all()
     assert value.tolist() == [86_400 * 10**9, 86_400_500_000_000, 86_400 * 10**9, ABSENT_NS]
 
 
 @given(st.dates(min_value=datetime.date(1980, 1, 1), max_value=datetime.date(2079, 12, 31)))
 def test_dates_of_two_digit_years(day: Any) -> None:
-    value, readable = utc.date(cells([f"{day:%d%m%y}"]))
+    value, readable = fields.date_of(cells([f"{day:%d%m%y}"]))
     assert readable[0]
     assert value[0] == np.datetime64(day, "ns").astype(np.int64)
 
 
 @pytest.mark.parametrize("text", ["2208-1", "310299", "000000", "290223", "0101", "01012020"])
 def test_what_is_no_date(text: str) -> None:
-    assert not utc.date(cells([text]))[1][0]
-
-
-def test_gps_time_across_a_leap_second() -> None:
-    """The last second of 2016 was followed by an inserted one; GPS time counts on."""
-    before = np.datetime64("2016-12-31T23:59:59", "ns").astype(np.int64)
-    times = np.array([before, before + 10**9, before + 10**9, before + 2 * 10**9])
-    week, tow_s = utc.gps_week_and_tow(times, np.array([False, True, False, False]))
-    assert week.tolist() == [1930] * 4
-    assert tow_s.tolist() == [16.0, 17.0, 18.0, 19.0]
+    assert not fields.date_of(cells([text]))[1][0]
 
 
 def test_a_field_that_is_not_readable_rejects_its_sentence_alone(nmea: ModuleType) -> None:

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS
+from spoofbench_converters.serial.contract import ABSENT_NS
+
+from spoofbench.gnss_time import DAY_NS
 
 MS_NS = 1_000_000
 DEGREES, METRES, MPS = (

@@ -6,8 +6,8 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from spoofbench_converters.serial.contract import DAY_NS
 
+from spoofbench.gnss_time import DAY_NS
 from spoofbench.schema.v1 import gnss_pb2 as enums
 
 
@@ -135,6 +135,19 @@ def test_a_default_leap_second_makes_no_date(nmea: ModuleType) -> None:
         "PUBX,04,103607.00,060321,556567.00,2147,15D,-384839,-53.623,16",
     )
     assert row["period_ns"] == DAY_NS
+
+
+def test_gps_time_counts_an_inserted_second(nmea: ModuleType) -> None:
+    """The last second of 2016 was followed by an inserted one, which sentences number 60."""
+    found = [
+        solution(nmea, f"GPRMC,{time},A,4717.11,N,00834.00,E,0.0,,{day},,,A")
+        for time, day in (("235959", "311216"), ("235960", "311216"), ("000000", "010117"))
+    ]
+    assert [(row["gps_week"], row["tow_s"]) for row in found] == [
+        (1930, 16.0),
+        (1930, 17.0),
+        (1930, 18.0),
+    ]
 
 
 def test_a_course_that_is_left_empty_is_absent(nmea: ModuleType) -> None:

@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from spoofbench_converters import nmea, ubx
 from spoofbench_converters.nmea.decoder import NmeaDecoder
-from spoofbench_converters.serial import axis, conversion, course
-from spoofbench_converters.serial.conversion import Conversion
+from spoofbench_converters.serial import conversion, time_axis
+from spoofbench_converters.serial.conversion import SerialConversion
 from spoofbench_converters.serial.demux import RTCM
 from spoofbench_converters.ubx.decoder import UbxDecoder
 
@@ -42,7 +42,7 @@ def in_pieces(gathered: Any, path: Path, piece_bytes: int, **options: Any) -> An
     chosen = ubx.Options(**options)
     with Source.of(path).open() as stream:
         return gathered(
-            Conversion([UbxDecoder(), NmeaDecoder(chosen)], chosen).run(
+            SerialConversion([UbxDecoder(), NmeaDecoder(chosen)], chosen).run(
                 stream, path.name, piece_bytes
             )
         )
@@ -293,7 +293,7 @@ def test_real_logs_do_not_depend_on_pieces(
     gathered: Any, path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = in_pieces(gathered, path, 10**8)
-    for module in (axis, conversion, course):
+    for module in (time_axis, conversion):
         monkeypatch.setattr(module, "HORIZON", 250_000)
     assert same(in_pieces(gathered, path, 50_000), whole)
 

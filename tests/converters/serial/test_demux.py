@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spoofbench_converters.serial import frames
+from spoofbench_converters.serial import framing
 from spoofbench_converters.serial.demux import RTCM, demultiplex
-from spoofbench_converters.serial.stamps import Stamps
+from spoofbench_converters.serial.host_timestamps import HostTimestamps
 
 Reject = tuple[int, int, str]
 
@@ -22,7 +22,9 @@ def taken_apart(
 ) -> tuple[list[tuple[str, int, int]], list[Reject], int]:
     """Return frames, rejects (RTCM messages are frames too) and how many bytes are used."""
     found, rejects, used = [], [], 0
-    for piece in demultiplex(io.BytesIO(log), Stamps(zone_is_utc=False), checksum, piece_bytes):
+    for piece in demultiplex(
+        io.BytesIO(log), HostTimestamps(zone_is_utc=False), checksum, piece_bytes
+    ):
         for protocol, part in (("ubx", piece.ubx), ("nmea", piece.nmea)):
             found += [
                 (protocol, o, o + n)
@@ -146,7 +148,7 @@ def test_nothing_depends_on_the_size_of_pieces(
 def test_every_byte_has_one_owner(make: Any, data: st.DataObject) -> None:
     log = b"".join(data.draw(st.lists(fragments(make), max_size=30)))
     owners = np.zeros(len(log), int)
-    for piece in demultiplex(io.BytesIO(log), Stamps(zone_is_utc=False)):
+    for piece in demultiplex(io.BytesIO(log), HostTimestamps(zone_is_utc=False)):
         parts = [(part.offsets(), part.used) for part in (piece.ubx, piece.nmea)] + [
             (part.offsets, part.lengths) for part in piece.rejects
         ]
@@ -201,7 +203,7 @@ def test_a_message_that_ends_within_a_frame_frees_what_is_in_it(make: Any, slow:
 
 
 def test_the_longest_frame_is_found_and_a_longer_sentence_is_not(make: Any) -> None:
-    longest, body = make.ubx(bytes(65_535)), b"GPTXT,".ljust(frames.MAX_SENTENCE - 2, b"x")
+    longest, body = make.ubx(bytes(65_535)), b"GPTXT,".ljust(framing.MAX_SENTENCE - 2, b"x")
     log = longest + make.sentence(body) + b"\n" + make.sentence(body + b"x") + b"\n"
     assert [
         (protocol, end - start) for protocol, start, end in taken_apart(log, piece_bytes=1000)[0]
@@ -275,7 +277,7 @@ def test_times_beside_sentences(
     make: Any, before: bytes, after: bytes, time_ns: int | None
 ) -> None:
     lines = [before + make.sentence(b"GPTXT,%d" % number) + after + b"\r\n" for number in range(3)]
-    (piece,) = demultiplex(io.BytesIO(b"".join(lines)), Stamps(zone_is_utc=False))
+    (piece,) = demultiplex(io.BytesIO(b"".join(lines)), HostTimestamps(zone_is_utc=False))
     assert piece.nmea.used.tolist() == [len(line) for line in lines]
     assert (
         piece.nmea.receive_time_ns.tolist()
@@ -285,7 +287,7 @@ def test_times_beside_sentences(
 
 def test_times_without_a_zone_are_counted_or_taken_as_utc(make: Any) -> None:
     log = b"2023-02-16T14:52:33 " + make.sentence(b"GPTXT,a") + b"\n"
-    left, taken = Stamps(zone_is_utc=False), Stamps(zone_is_utc=True)
+    left, taken = HostTimestamps(zone_is_utc=False), HostTimestamps(zone_is_utc=True)
     (ignored,), (used,) = demultiplex(io.BytesIO(log), left), demultiplex(io.BytesIO(log), taken)
     assert (left.without_zone, taken.without_zone) == (1, 0)
     assert ignored.nmea.receive_time_ns.tolist() == [np.iinfo(np.int64).min]

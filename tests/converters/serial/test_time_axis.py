@@ -9,13 +9,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spoofbench_converters.serial import axis
-from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS, WEEK_NS, Epochs
-from spoofbench_converters.serial.course import BACKWARDS, HORIZON, NO_TIME_YET, TIMED
-from spoofbench_converters.serial.options import StreamOptions
-from spoofbench_converters.serial.time_axis import NO_DATE, Axis
+from spoofbench_converters.serial import time_axis
+from spoofbench_converters.serial.contract import ABSENT_NS, Epochs, SerialOptions
+from spoofbench_converters.serial.time_axis import (
+    BACKWARDS,
+    HORIZON,
+    NO_DATE,
+    NO_TIME_YET,
+    TIMED,
+    TimeAxis,
+)
 
 from spoofbench.errors import ConversionError
+from spoofbench.gnss_time import DAY_NS, WEEK_NS
 
 S = 1_000_000_000
 START = int(datetime(2024, 2, 29, 23, 59, 30, tzinfo=UTC).timestamp()) * S
@@ -39,7 +45,7 @@ def axis_of(
     """Return times, verdicts (both in the order of the claims) and metadata, of epochs that come in
     the given groups.
     """
-    under_test = Axis(StreamOptions(**options), ("UBX", "NMEA"))
+    under_test = TimeAxis(SerialOptions(**options), ("UBX", "NMEA"))
     times: list[list[int]] = [[], []]
     verdicts: list[list[int]] = [[], []]
     borders = [0, *sorted(cut for cut in cuts if 0 < cut < len(claims)), len(claims)]
@@ -244,7 +250,7 @@ def test_nothing_depends_on_the_groups_that_epochs_come_in(
         {"append_clock": recorder == "appends", "date": "2024-02-29"},
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(axis, "_JUDGED", 3)
+        patch.setattr(time_axis, "_JUDGED", 3)
         try:
             at_once = axis_of(claims, spacing=spacing, **options)
         except ConversionError as refusal:

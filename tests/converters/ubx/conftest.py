@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spoofbench_converters.serial.contract import ABSENT_NS, Epochs, Frames, Rows
+from spoofbench_converters.serial.contract import ABSENT_NS, EpochRows, Epochs, Frames
 from spoofbench_converters.ubx.decoder import UbxDecoder
 from spoofbench_converters.ubx.messages import MESSAGES, NUMBER, offset_in
 from spoofbench_converters.ubx.names import key_of
@@ -184,7 +184,7 @@ def _joined(parts: list[NDArray[np.int64]]) -> NDArray[np.int64]:
     return np.concatenate(parts) if parts else np.zeros(0, np.int64)
 
 
-def _table(parts: list[Rows]) -> Table:
+def _table(parts: list[EpochRows]) -> Table:
     """Join the rows of one topic, without times."""
     tables = [Table(part.kind, np.zeros(part.epoch.size, np.int64), part.columns) for part in parts]
     columns: dict[str, Any] = {}

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS, WEEK_NS
+from spoofbench_converters.serial.contract import ABSENT_NS
 
-from spoofbench.gnss_time import LEAP_SECONDS, leap_seconds_at_gps
+from spoofbench.gnss_time import DAY_NS, LEAP_SECONDS, WEEK_NS, leap_seconds_at_gps
 
 PVT = "/gnss0/gnss/pvt"
 _ZERO = datetime(1980, 1, 6, tzinfo=UTC)

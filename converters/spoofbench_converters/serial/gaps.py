@@ -1,12 +1,14 @@
-"""What the bytes are that no frame owns, and why."""
+"""Bytes of a log that no row came from: what they are, and where rejected epochs' bytes lie."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Ints, Octets
 from spoofbench.conversion import Rejects
-from spoofbench_converters.serial.frames import Octets, Places, line_ends
+from spoofbench_converters.serial.framing import line_ends
 
 REASONS = (
     "blank or line end",
@@ -28,16 +30,16 @@ _LF, _CR, _HASH = b"\n\r#"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Marks:
+class DamageMarks:
     """Where damaged frames and sentences start, and the reason of each: int64 and int8 ``(k,)``."""
 
-    places: Places
+    places: Ints
     reasons: NDArray[np.int8]
 
 
 def divide(
-    octets: Octets, gaps: tuple[Places, Places], marks: Marks, at_line_start: bool
-) -> tuple[Places, Places, NDArray[np.int8]]:
+    octets: Octets, gaps: tuple[Ints, Ints], marks: DamageMarks, at_line_start: bool
+) -> tuple[Ints, Ints, NDArray[np.int8]]:
     """Return starts, ends and reasons of the rejects that skipped bytes make.
 
     A run of skipped bytes is divided where a damaged frame or sentence, or a comment, starts; a
@@ -72,7 +74,7 @@ def divide(
     return bounds, stops, reasons
 
 
-def rejects(base: int, starts: Places, ends: Places, reasons: NDArray[np.int8]) -> list[Rejects]:
+def rejects(base: int, starts: Ints, ends: Ints, reasons: NDArray[np.int8]) -> list[Rejects]:
     """Return rejects by reason; ``base`` is the offset of the stretch in the log."""
     return [
         Rejects(
@@ -82,7 +84,7 @@ def rejects(base: int, starts: Places, ends: Places, reasons: NDArray[np.int8]) 
     ]
 
 
-def _within(places: Places, starts: Places, ends: Places) -> NDArray[np.bool_]:
+def _within(places: Ints, starts: Ints, ends: Ints) -> Bools:
     gap = np.searchsorted(starts, places, "right") - 1
     return (
         np.asarray((gap >= 0) & (places < ends[gap]))
@@ -91,7 +93,7 @@ def _within(places: Places, starts: Places, ends: Places) -> NDArray[np.bool_]:
     )
 
 
-def _comments(octets: Octets, starts: Places, ends: Places, at_line_start: bool) -> Places:
+def _comments(octets: Octets, starts: Ints, ends: Ints, at_line_start: bool) -> Ints:
     """Return where lines start with ``#``."""
     places = np.flatnonzero(octets == _HASH) if starts.size else starts
     places = places[_within(places, starts, ends)]
@@ -99,7 +101,7 @@ def _comments(octets: Octets, starts: Places, ends: Places, at_line_start: bool)
     return places[np.where(places == 0, at_line_start, (before == _LF) | (before == _CR))]
 
 
-def _line_stops(octets: Octets, places: Places) -> Places:
+def _line_stops(octets: Octets, places: Ints) -> Ints:
     """Return where the line of each place ends, line end included."""
     if not places.size:
         return places
@@ -108,8 +110,8 @@ def _line_stops(octets: Octets, places: Places) -> Places:
 
 
 def _shortened(
-    starts: Places, stops: Places, reasons: NDArray[np.int8]
-) -> tuple[Places, Places, NDArray[np.int8]]:
+    starts: Ints, stops: Ints, reasons: NDArray[np.int8]
+) -> tuple[Ints, Ints, NDArray[np.int8]]:
     """Divide what is longer than a reject may be."""
     pieces = -(-(stops - starts) // LONGEST)
     if (pieces <= 1).all():
@@ -124,7 +126,7 @@ def _shortened(
     )
 
 
-def _content(octets: Octets, starts: Places, stops: Places) -> NDArray[np.int8]:
+def _content(octets: Octets, starts: Ints, stops: Ints) -> NDArray[np.int8]:
     """Return whether each stretch is blank, text or binary; they do not overlap and none is
     empty.
     """
@@ -140,3 +142,58 @@ def _content(octets: Octets, starts: Places, stops: Places) -> NDArray[np.int8]:
         np.where(here - np.uint8(0x20) <= 0x7E - 0x20, np.uint8(TEXT), np.uint8(BINARY)),
     )
     return np.asarray(np.maximum.reduceat(kinds, begins), np.int8)
+
+
+class RejectedBytes:
+    """Keeps account of the rejects of a stretch of a log, so that those of whole epochs do not
+    overlap them.
+
+    An epoch is known by the offset of its first frame and the sum of its frames' bytes, between
+    which frames of others may stand. Its bytes are laid on the first ground from its offset on that
+    no reject has.
+    """
+
+    def __init__(self) -> None:
+        self._starts: list[Ints] = []
+        self._ends: list[Ints] = []
+
+    def take(self, rejects: Rejects) -> Rejects:
+        """Note rejects whose places are known, and return them."""
+        self._starts.append(rejects.offsets)
+        self._ends.append(rejects.offsets + rejects.lengths)
+        return rejects
+
+    def forget(self, before: int) -> None:
+        """Forget what lies before the first epoch that is still undecided."""
+        starts, ends = self._sorted()
+        starts, ends = starts[ends > before], ends[ends > before]
+        apart = np.ones(starts.size, bool)
+        apart[1:] = starts[1:] > ends[:-1]
+        self._starts, self._ends = [starts[apart]], [ends[np.append(apart[1:], True)[: ends.size]]]
+
+    def lay(self, offsets: Ints, lengths: Ints, reason: str) -> Iterator[Rejects]:
+        """Yield rejects for epochs in the order of their offsets, none of whose bytes overlap a
+        reject known.
+        """
+        starts, ends = (each.tolist() for each in self._sorted())
+        places, sizes, at, here = [], [], 0, 0
+        for offset, length in zip(offsets.tolist(), lengths.tolist(), strict=True):
+            at, left = max(at, offset), length
+            while left:
+                while here < len(starts) and ends[here] <= at:
+                    here += 1
+                if here < len(starts) and starts[here] <= at:
+                    at = ends[here]
+                    continue
+                free = min(left, starts[here] - at) if here < len(starts) else left
+                places.append(at)
+                sizes.append(free)
+                at, left = at + free, left - free
+        if places:
+            yield self.take(Rejects(np.array(places), np.array(sizes), reason))
+
+    def _sorted(self) -> tuple[Ints, Ints]:
+        starts = np.concatenate([np.zeros(0, np.int64), *self._starts])
+        ends = np.concatenate([np.zeros(0, np.int64), *self._ends])
+        order = np.argsort(starts, kind="stable")
+        return starts[order], ends[order]

@@ -1,20 +1,18 @@
 """From rows of epochs to the tables of a recording's topics."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Ints, Octets
 from spoofbench.conversion import Block, Columns, Rejects, TimeSorter
 from spoofbench.conversion.rows import join, take
 from spoofbench.schema import KINDS, topic_of
 from spoofbench.table import Column, Table, encode_words
-from spoofbench_converters.serial.contract import ABSENT_NS, Epochs, Rows
-from spoofbench_converters.serial.course import TIMED
-from spoofbench_converters.serial.frames import Places
-from spoofbench_converters.serial.ticks import Counter
+from spoofbench_converters.serial.contract import ABSENT_NS, EpochRows, Epochs
+from spoofbench_converters.serial.time_axis import TIMED
 
 _VALID = "valid "
 """Before the name of a column: which of its values are there."""
@@ -24,18 +22,18 @@ _WORDS = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Timed:
+class TimedEpochs:
     """A decoder's epochs with their times and verdicts, int64 and uint8 ``(m,)``, and the running
     number of the first.
     """
 
     epochs: Epochs
-    times: Places
-    verdicts: NDArray[np.uint8]
+    times: Ints
+    verdicts: Octets
     first: int
 
 
-class Topic:
+class TopicRows:
     """The rows of one topic, put in the order of time."""
 
     def __init__(self, source: str, kind: str) -> None:
@@ -49,7 +47,7 @@ class Topic:
         self._order = TimeSorter()
         self._kept: Columns = {}  # rows that the order holds, in file order
         self._first = 0  # number of the first of them
-        self._counter: Counter | None = None
+        self._counter: SensorClock | None = None
 
     @property
     def is_pvt(self) -> bool:
@@ -66,7 +64,7 @@ class Topic:
             int(self.source.removeprefix("gnss")),
         )
 
-    def push(self, rows: Rows, timed: Timed) -> Iterator[Block | Rejects]:
+    def push(self, rows: EpochRows, timed: TimedEpochs) -> Iterator[Block | Rejects]:
         """Take the next rows."""
         wanted = timed.verdicts[rows.epoch] == TIMED
         if not wanted.any():
@@ -91,7 +89,7 @@ class Topic:
                 columns["time_ns"] = columns["time_ns"] + rows.offset_ns[kept]
             yield from self._sort(columns)
         else:
-            self._counter = self._counter or Counter()
+            self._counter = self._counter or SensorClock()
             placing = {
                 "tick_ns": rows.tick_ns[kept],
                 "epoch": epoch + timed.first,
@@ -110,7 +108,7 @@ class Topic:
         """Return what metadata say of the source's counter."""
         return self._counter.about() if self._counter else {}
 
-    def _flat(self, rows: Rows, kept: slice | Places) -> Columns:
+    def _flat(self, rows: EpochRows, kept: slice | Ints) -> Columns:
         """Return the rows' columns as bare arrays: what is there of one that is no float as
         another, codes for words.
         """
@@ -163,7 +161,7 @@ class Topic:
             self._first += count
             self._renumber(gone.size - count)
 
-    def _block(self, columns: Columns, time_ns: Places) -> Block:
+    def _block(self, columns: Columns, time_ns: Ints) -> Block:
         fields: dict[str, Any] = {}
         for name in self._kind.fields:
             if name in self._words and name in columns:
@@ -199,7 +197,7 @@ def _column(given: Any, category: str) -> Column:
     return encode_words(given) if category in ("text", "bytes") else Column(np.asarray(given))
 
 
-def _places(places: Places) -> slice | Places:
+def _places(places: Ints) -> slice | Ints:
     """Return places as a slice if they are neighbours."""
     first = int(places[0])
     in_a_row = int(places[-1]) - first == places.size - 1 and bool(np.all(places[1:] > places[:-1]))
@@ -227,3 +225,105 @@ def _widened(columns: Columns, other: Columns) -> Columns:
         )
         wide[name] = np.full(rows, absent, dtype)
     return wide
+
+
+BLOCK_EPOCHS = 60
+RESTART_NS = 60_000_000_000
+"""A lead that changes by more than this from one epoch to the next is that of a counter which has
+started anew.
+"""
+
+
+@dataclass(slots=True)
+class _Block:
+    """Epochs in a row: their counter where their rows begin, how far their time leads it, and the
+    rows.
+    """
+
+    ticks: list[int] = field(default_factory=list)
+    leads: list[int] = field(default_factory=list)
+    rows: Columns = field(default_factory=dict)
+
+    def middle(self) -> tuple[float, float]:
+        """Return the median of the counter, and of the lead."""
+        return float(np.median(self.ticks)), float(np.median(self.leads))
+
+
+class SensorClock:
+    """Gives one sensor's rows times by its counter.
+
+    An epoch's messages and the row behind them were given out together, so the row's time is about
+    that of the epoch. The lead of time over counter is the median over sixty epochs in a row, which
+    neither jitter nor a delayed row disturbs, and is linear between the middles of such blocks.
+    What all epochs have in common of the delay between their time and their output remains: times
+    are too early by as much.
+    """
+
+    def __init__(self) -> None:
+        self._open = _Block()
+        self._closed: _Block | None = None  # its rows wait for the middle of the next block
+        self._before: tuple[float, float] | None = None
+        self._lead_ns: float | None = None
+        self._spreads: list[float] = []
+
+    def push(self, rows: Columns) -> Iterator[Columns]:
+        """Take the next rows in file order.
+
+        Args:
+            rows: ``tick_ns`` and whatever else, and ``epoch`` and ``epoch_ns``, number and time of
+                each row's epoch.
+
+        Yields:
+            EpochRows with ``time_ns``.
+        """
+        epochs, first = np.unique(rows["epoch"], return_index=True)
+        ticks, leads = rows["tick_ns"][first], (rows["epoch_ns"] - rows["tick_ns"])[first]
+        begin = 0
+        for epoch, tick, lead in zip(epochs.tolist(), ticks.tolist(), leads.tolist(), strict=True):
+            restarts = bool(self._open.leads) and abs(lead - self._open.leads[-1]) > RESTART_NS
+            if restarts or len(self._open.leads) == BLOCK_EPOCHS:
+                end = int(np.searchsorted(rows["epoch"], epoch))
+                self._open.rows = join(self._open.rows, take(rows, slice(begin, end)))
+                begin = end
+                yield from self._close(restarts)
+            self._open.ticks.append(tick)
+            self._open.leads.append(lead)
+        self._open.rows = join(self._open.rows, take(rows, slice(begin, None)))
+
+    def finish(self) -> Iterator[Columns]:
+        """Give what is held."""
+        if self._open.leads:
+            yield from self._close(last=True)
+
+    def about(self) -> dict[str, str]:
+        """Return what metadata say of the counter."""
+        if self._lead_ns is None:
+            return {}
+        return {
+            "time_basis": "its counter, laid against the receiver's epochs",
+            "counter_offset_s": repr(round(self._lead_ns / 1e9, 6)),
+            "counter_spread_s": repr(round(float(np.median(self._spreads)) / 1e9, 6)),
+        }
+
+    def _close(self, last: bool) -> Iterator[Columns]:
+        """Close the open block; give the rows of the one before, and its own if it is the last
+        before a restart or the end.
+        """
+        block, self._open = self._open, _Block()
+        middle = block.middle()
+        if self._lead_ns is None:
+            self._lead_ns = middle[1]
+        self._spreads.append(float(np.subtract(*np.percentile(block.leads, [90, 10]))))
+        if self._closed:
+            yield self._timed(self._closed, middle)
+            self._before = self._closed.middle()
+        self._closed = block
+        if last:
+            yield self._timed(block, None)
+            self._closed, self._before = None, None
+
+    def _timed(self, block: _Block, after: tuple[float, float] | None) -> Columns:
+        knots = sorted(knot for knot in (self._before, block.middle(), after) if knot)
+        ticks = block.rows["tick_ns"]
+        lead = np.interp(ticks.astype(np.float64), *np.array(knots).T)
+        return {**block.rows, "time_ns": ticks + np.rint(lead).astype(np.int64)}

@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Octets = NDArray[np.uint8]
-Places = NDArray[np.int64]
+from spoofbench.arrays import Bools, Ints, Octets
+
 Checksum = Literal["required", "missing-allowed", "ignored"]
 
 MAX_SENTENCE = 1024
@@ -43,9 +43,9 @@ class Candidates:
     each, int64 and uint8 ``(k,)``.
     """
 
-    starts: Places
-    ends: Places
-    verdicts: NDArray[np.uint8]
+    starts: Ints
+    ends: Ints
+    verdicts: Octets
 
     def before(self, limit: int) -> "Candidates":
         """Return those that start before a place."""
@@ -55,7 +55,7 @@ class Candidates:
         """Return the valid ones."""
         return self.take(self.verdicts == VALID)
 
-    def take(self, which: "slice | NDArray[np.bool_]") -> "Candidates":
+    def take(self, which: "slice | Bools") -> "Candidates":
         """Return those that a slice or mask selects."""
         return Candidates(self.starts[which], self.ends[which], self.verdicts[which])
 
@@ -79,7 +79,7 @@ def ubx(octets: Octets) -> Candidates:
     return Candidates(starts, ends, verdicts)
 
 
-def _fletcher_agrees(octets: Octets, starts: Places, ends: Places) -> NDArray[np.bool_]:
+def _fletcher_agrees(octets: Octets, starts: Ints, ends: Ints) -> Bools:
     """Whether the two bytes at each end are the Fletcher checksum of ``[start, end)``: modulo 256,
     the sum of the bytes, and that of the bytes times their distance from the end."""
     first = int(starts[0])
@@ -123,9 +123,7 @@ def sentences(octets: Octets, checksum: Checksum) -> Candidates:
     return Candidates(starts, np.where(starred & (verdicts == VALID), ends + 3, ends), verdicts)
 
 
-def _checked(
-    octets: Octets, starts: Places, stars: Places, checksum: Checksum
-) -> NDArray[np.uint8]:
+def _checked(octets: Octets, starts: Ints, stars: Ints, checksum: Checksum) -> Octets:
     """Return the verdicts on sentences that end with ``*``."""
     if not starts.size:
         return np.zeros(0, np.uint8)
@@ -161,7 +159,7 @@ def rtcm3(octets: Octets, outside: Candidates | None) -> Candidates:
     return Candidates(starts[agrees], ends[agrees], np.zeros(int(agrees.sum()), np.uint8))
 
 
-def _crc_agrees(octets: Octets, starts: Places, ends: Places) -> NDArray[np.bool_]:
+def _crc_agrees(octets: Octets, starts: Ints, ends: Ints) -> Bools:
     """Whether the CRC-24Q over message and checksum is zero.
 
     A CRC is the remainder of a sum of one term per byte. Terms are scaled by a power of x as if
@@ -193,7 +191,7 @@ def _crc_terms() -> NDArray[np.uint32]:
 
 
 @cache
-def _hex_values() -> NDArray[np.uint8]:
+def _hex_values() -> Octets:
     """Return the value of each byte as a hexadecimal digit, 255 where it is none."""
     values = np.full(256, 255, np.uint8)
     for value, digits in enumerate(zip(b"0123456789ABCDEF", b"0123456789abcdef", strict=True)):
@@ -201,7 +199,7 @@ def _hex_values() -> NDArray[np.uint8]:
     return values
 
 
-def chosen(starts: Places, ends: Places) -> NDArray[np.bool_]:
+def chosen(starts: Ints, ends: Ints) -> Bools:
     """Return which valid candidates a scan from left to right takes: each that starts at or after
     the end of the one taken before.
     """
@@ -214,7 +212,7 @@ def chosen(starts: Places, ends: Places) -> NDArray[np.bool_]:
     return taken
 
 
-def line_ends(octets: Octets, ends: Places) -> Places:
+def line_ends(octets: Octets, ends: Ints) -> Ints:
     """Return where the line end after each place ends: up to two carriage returns and a line feed,
     if there are any.
     """
@@ -223,22 +221,22 @@ def line_ends(octets: Octets, ends: Places) -> Places:
     return ends
 
 
-def _at(octets: Octets, places: Places) -> Octets:
+def _at(octets: Octets, places: Ints) -> Octets:
     """Return the bytes at these places, zeros beyond the end."""
     return np.where(places < octets.size, octets[np.minimum(places, octets.size - 1)], np.uint8(0))
 
 
-def _next(marks: Places, places: Places, none: int) -> Places:
+def _next(marks: Ints, places: Ints, none: int) -> Ints:
     """Return the first mark after each place."""
     return np.append(marks, none)[np.searchsorted(marks, places)]
 
 
-def _printable(octets: Octets, starts: Places, ends: Places) -> NDArray[np.bool_]:
+def _printable(octets: Octets, starts: Ints, ends: Ints) -> Bools:
     """Whether all bytes of ``[start, end)`` are printable ASCII; the stretches do not overlap."""
     return np.asarray(_reduced(np.maximum, octets - np.uint8(0x20), starts, ends) <= 0x7E - 0x20)
 
 
-def _reduced(ufunc: np.ufunc, octets: Octets, starts: Places, ends: Places) -> Octets:
+def _reduced(ufunc: np.ufunc, octets: Octets, starts: Ints, ends: Ints) -> Octets:
     """Reduce each stretch ``[start, end)`` modulo 256, none empty; all end before the last byte."""
     if not starts.size:
         return np.zeros(0, np.uint8)

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Ints, Octets
 from spoofbench_converters.serial.contract import ABSENT_NS
-from spoofbench_converters.serial.frames import Octets, Places
 
 MAX_STAMP = 120
 """Longest text beside a sentence that is looked at, in bytes."""
@@ -37,7 +37,7 @@ _AFTER = (re.compile(r"[ \t,;]*"), re.compile(rf"[ ,;\t]+{_TIME}[ ,;\t]*"))
 _NS_PER_UNIT = {10: 10**9, 13: 10**6, 16: 10**3, 19: 1}
 
 
-class Stamps:
+class HostTimestamps:
     """What stands beside the sentences of one log.
 
     Attributes:
@@ -49,23 +49,19 @@ class Stamps:
         self._zone_is_utc = zone_is_utc
         self.without_zone = 0
 
-    def before(
-        self, octets: Octets, starts: Places, ends: Places
-    ) -> tuple[NDArray[np.bool_], Places]:
+    def before(self, octets: Octets, starts: Ints, ends: Ints) -> tuple[Bools, Ints]:
         """Return which texts ``[start, end)`` are understood, and their times, ``ABSENT_NS`` where
         they have none.
         """
         return self._read(octets, starts, ends, _BEFORE)
 
-    def after(
-        self, octets: Octets, starts: Places, ends: Places
-    ) -> tuple[NDArray[np.bool_], Places]:
+    def after(self, octets: Octets, starts: Ints, ends: Ints) -> tuple[Bools, Ints]:
         """Do the same for texts behind sentences."""
         return self._read(octets, starts, ends, _AFTER)
 
     def _read(
-        self, octets: Octets, starts: Places, ends: Places, patterns: tuple[re.Pattern[str], ...]
-    ) -> tuple[NDArray[np.bool_], Places]:
+        self, octets: Octets, starts: Ints, ends: Ints, patterns: tuple[re.Pattern[str], ...]
+    ) -> tuple[Bools, Ints]:
         understood, times = np.zeros(starts.size, bool), np.full(starts.size, ABSENT_NS)
         lengths = ends - starts
         for length in np.unique(lengths[(lengths > 0) & (lengths <= MAX_STAMP)]).tolist():
@@ -81,9 +77,7 @@ class Stamps:
                     )
         return understood, times
 
-    def _times(
-        self, texts: NDArray[np.uint8], match: re.Match[str]
-    ) -> tuple[NDArray[np.bool_], Places]:
+    def _times(self, texts: Octets, match: re.Match[str]) -> tuple[Bools, Ints]:
         groups = match.groupdict()
         right = (
             _tag_agrees(texts, match.start("sum"))
@@ -100,7 +94,7 @@ class Stamps:
         return right, np.where(right, times, ABSENT_NS)
 
 
-def _shapes(texts: NDArray[np.uint8]) -> Iterator[tuple[str, NDArray[np.intp]]]:
+def _shapes(texts: Octets) -> Iterator[tuple[str, NDArray[np.intp]]]:
     """Yield the distinct texts of one length with ``0`` for every digit, and the rows of each."""
     shapes = np.where((texts >= ord("0")) & (texts <= ord("9")), np.uint8(ord("0")), texts)
     if (shapes == shapes[0]).all():
@@ -114,7 +108,7 @@ def _shapes(texts: NDArray[np.uint8]) -> Iterator[tuple[str, NDArray[np.intp]]]:
         yield shape.tobytes().decode("latin-1"), alike
 
 
-def _number(texts: NDArray[np.uint8], start: int, end: int) -> Places:
+def _number(texts: Octets, start: int, end: int) -> Ints:
     """Return the whole numbers in these columns; up to 18 digits are exact."""
     value = np.zeros(len(texts), np.int64)
     for column in range(start, end):
@@ -122,7 +116,7 @@ def _number(texts: NDArray[np.uint8], start: int, end: int) -> Places:
     return value
 
 
-def _unix_ns(texts: NDArray[np.uint8], match: re.Match[str]) -> Places:
+def _unix_ns(texts: Octets, match: re.Match[str]) -> Ints:
     start, end = match.span("unix")
     whole, _, fraction = match["unix"].partition(".")
     ns = _NS_PER_UNIT[len(whole)]
@@ -135,7 +129,7 @@ def _unix_ns(texts: NDArray[np.uint8], match: re.Match[str]) -> Places:
     return np.where(high < 922_337_203, high * 10**10 + low, ABSENT_NS)
 
 
-def _iso_ns(texts: NDArray[np.uint8], match: re.Match[str]) -> Places:
+def _iso_ns(texts: Octets, match: re.Match[str]) -> Ints:
     day, clock = match.start("day"), match.start("clock")
     year, month, date = (
         _number(texts, day + first, day + last) for first, last in ((0, 4), (5, 7), (8, 10))
@@ -166,7 +160,7 @@ def _iso_ns(texts: NDArray[np.uint8], match: re.Match[str]) -> Places:
     return np.where(exists & (seconds < 9_223_372_036), ns, ABSENT_NS)
 
 
-def _tag_agrees(texts: NDArray[np.uint8], at: int) -> NDArray[np.bool_]:
+def _tag_agrees(texts: Octets, at: int) -> Bools:
     """Whether the two hexadecimal digits at ``at`` are the XOR of what stands between the first
     backslash and ``*``.
     """

@@ -5,19 +5,30 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.gnss_time import GPS_EPOCH_NS, LEAP_SECONDS, SECOND_NS, leap_seconds_at_gps
-from spoofbench_converters.serial.contract import ABSENT_NS, DAY_NS, WEEK_NS
-from spoofbench_converters.ubx.batch import Batch, Picked
-from spoofbench_converters.ubx.frames import ROLES, Ints
-from spoofbench_converters.ubx.gpstime import MS_NS, utc_ns, week_of
+from spoofbench.arrays import Bools, Floats, Ints, forward_fill
+from spoofbench.gnss_time import (
+    DAY_NS,
+    LEAP_SECONDS,
+    WEEK_NS,
+    calendar_to_utc,
+    gps_of_week,
+    gps_to_utc,
+    leap_seconds_at_gps,
+    nearest_week,
+    utc_to_gps,
+)
+from spoofbench_converters.serial.contract import ABSENT_NS
+from spoofbench_converters.ubx.batch import EpochBatch, MessageFrames
+from spoofbench_converters.ubx.frames import ROLES
 from spoofbench_converters.ubx.messages import Role
 
+MS_NS = 1_000_000
 _ALL = 7  # date and time valid, and fully resolved
 _WEEK_MS = WEEK_NS // MS_NS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Claims:
+class EpochTimes:
     """By epoch; the first two as in ``Epochs``.
 
     Attributes:
@@ -29,19 +40,19 @@ class Claims:
 
     claimed_ns: Ints
     period_ns: Ints
-    week: NDArray[np.float64]
-    tow_s: NDArray[np.float64]
-    time_valid: NDArray[np.float64]
+    week: Floats
+    tow_s: Floats
+    time_valid: Floats
     time_ms: Ints
 
 
-class Clockwork:
+class TimeReader:
     """Reads epochs' times; remembers the last leap seconds told."""
 
     def __init__(self) -> None:
         self.leap_s: int | None = None
 
-    def read(self, batch: Batch) -> Claims:
+    def read(self, batch: EpochBatch) -> EpochTimes:
         """Return the claims of a batch.
 
         UTC where it is valid and fully resolved; else week and time of week, less the leap seconds
@@ -52,7 +63,7 @@ class Clockwork:
 
 
 class _Reading:
-    def __init__(self, batch: Batch, clockwork: Clockwork) -> None:
+    def __init__(self, batch: EpochBatch, clockwork: TimeReader) -> None:
         count = batch.count
         self.batch, self.clockwork = batch, clockwork
         self.time_ms = _times(batch)
@@ -67,7 +78,7 @@ class _Reading:
         self.valid = np.full(count, np.nan)
         self.tow_said = np.full(count, np.nan)
 
-    def claims(self) -> Claims:
+    def claims(self) -> EpochTimes:
         for system in ("NAV", "NAV2"):
             for name in ("PVT", "PVAT"):
                 self._calendar(self.batch.one_of(f"{system}-{name}"))
@@ -81,7 +92,7 @@ class _Reading:
         self._high_rate()
         return self._decided()
 
-    def _calendar(self, picked: Picked) -> None:
+    def _calendar(self, picked: MessageFrames) -> None:
         flags, time = picked.head["valid"], utc_ns(picked.head)
         time[flags & 2 == 0] = ABSENT_NS
         self._tell(self.utc, picked.epoch, np.where(flags & _ALL == _ALL, time, ABSENT_NS))
@@ -89,12 +100,12 @@ class _Reading:
         self._tell(self.day, picked.epoch, np.where(time == ABSENT_NS, ABSENT_NS, time % DAY_NS))
         self._say(picked.epoch, flags & 2 > 0, flags & _ALL == _ALL)
 
-    def _timeutc(self, picked: Picked) -> None:
+    def _timeutc(self, picked: MessageFrames) -> None:
         flags, time = picked.head["valid"], utc_ns(picked.head)
         self._tell(self.utc, picked.epoch, np.where(flags & 4 > 0, time, ABSENT_NS))
         self._say(picked.epoch, flags & 1 > 0, flags & 4 > 0)
 
-    def _week(self, picked: Picked, tow_flag: int, week_flag: int) -> None:
+    def _week(self, picked: MessageFrames, tow_flag: int, week_flag: int) -> None:
         """Take week and fraction of NAV-TIMEGPS or NAV-SOL."""
         head = picked.head
         flags = head["valid"] if "valid" in (head.dtype.names or ()) else head["flags"]
@@ -112,7 +123,7 @@ class _Reading:
         if "leapS" in (head.dtype.names or ()):
             self._leaps(picked, "leapS", "valid", 4)
 
-    def _leaps(self, picked: Picked, field: str, flags: str, flag: int) -> None:
+    def _leaps(self, picked: MessageFrames, field: str, flags: str, flag: int) -> None:
         told = picked.head[flags] & flag > 0
         self._tell(self.leap, picked.epoch, np.where(told, picked.head[field], -1), -1)
 
@@ -150,7 +161,7 @@ class _Reading:
     def _tell(self, what: Ints, epoch: Ints, values: Ints, absent: int = ABSENT_NS) -> None:
         what[epoch] = np.where(what[epoch] == absent, values, what[epoch])
 
-    def _say(self, epoch: Ints, tow: NDArray[np.bool_], complete: NDArray[np.bool_] | None) -> None:
+    def _say(self, epoch: Ints, tow: Bools, complete: Bools | None) -> None:
         """Note whether any message says that the time of week is valid, and whether the first says
         that all of the time is.
         """
@@ -158,19 +169,18 @@ class _Reading:
         if complete is not None:
             self.valid[epoch] = np.where(np.isnan(self.valid[epoch]), complete, self.valid[epoch])
 
-    def _decided(self) -> Claims:
+    def _decided(self) -> EpochTimes:
         leap = self._carried_leaps()
         tow = self.tow_ns != ABSENT_NS
         rough = np.where(self.utc != ABSENT_NS, self.utc, self.unresolved)
-        implied = week_of(
-            np.where(tow, rough - GPS_EPOCH_NS + LEAP_SECONDS * SECOND_NS, 0),
-            np.where(tow, self.tow_ns, 0),
+        implied = nearest_week(
+            np.where(tow, utc_to_gps(rough, LEAP_SECONDS), 0), np.where(tow, self.tow_ns, 0)
         )
         week = np.where((self.week < 0) & (rough != ABSENT_NS) & tow, implied, self.week)
         trusted = tow & (np.nan_to_num(self.tow_said, nan=1.0) > 0)
-        gps_ns = np.where(tow, np.maximum(week, 0) * WEEK_NS + np.where(tow, self.tow_ns, 0), 0)
+        gps_ns = np.where(tow, gps_of_week(np.maximum(week, 0), self.tow_ns), 0)
         announced = np.where(week >= 0, leap_seconds_at_gps(gps_ns), LEAP_SECONDS)
-        by_week = GPS_EPOCH_NS + gps_ns - np.where(leap >= 0, leap, announced) * SECOND_NS
+        by_week = gps_to_utc(gps_ns, np.where(leap >= 0, leap, announced))
         claimed, period = self.utc.copy(), np.zeros(self.utc.size, np.int64)
         for given, values, length in (
             (trusted & (week >= 0), by_week, 0),
@@ -180,7 +190,7 @@ class _Reading:
             chosen = (claimed == ABSENT_NS) & given
             claimed[chosen], period[chosen] = values[chosen], length
         tow_s = np.where(tow, self.tow_ns / 1e9, np.nan)
-        return Claims(
+        return EpochTimes(
             claimed, period, np.where(week >= 0, week, np.nan), tow_s, self.valid, self.time_ms
         )
 
@@ -189,14 +199,13 @@ class _Reading:
         last.
         """
         before = -1 if self.clockwork.leap_s is None else self.clockwork.leap_s
-        places = np.maximum.accumulate(np.where(self.leap >= 0, np.arange(self.leap.size), -1))
-        carried = np.where(places >= 0, self.leap[np.maximum(places, 0)], before)
+        carried = forward_fill(self.leap, self.leap >= 0, before)
         if carried.size and carried[-1] >= 0:
             self.clockwork.leap_s = int(carried[-1])
         return carried
 
 
-def _times(batch: Batch) -> Ints:
+def _times(batch: EpochBatch) -> Ints:
     """Return the time of week of each epoch in ms: of its solution, else of its raw measurement,
     else the second of its high rate.
     """
@@ -207,3 +216,16 @@ def _times(batch: Batch) -> Ints:
         told = held.time_ms[rows]
         times[batch.epoch[rows]] = told // 1000 * 1000 if role == Role.HIGH_RATE else told
     return times
+
+
+def utc_ns(fields: NDArray[np.void]) -> Ints:
+    """Return Unix nanoseconds of the fields year, month, day, hour, min, sec and nano;
+    ``ABSENT_NS`` where they are no date.
+
+    Nanoseconds are signed: seconds are rounded to the nearest one. Second 60 is the second after
+    59.
+    """
+    time, exists = calendar_to_utc(
+        *(fields[name] for name in ("year", "month", "day", "hour", "min", "sec", "nano"))
+    )
+    return np.where(exists, time, ABSENT_NS)
