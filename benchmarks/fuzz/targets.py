@@ -9,7 +9,12 @@ from spoofbench import plugins
 from spoofbench.codec import read, validate
 from spoofbench.conversion import Source
 from spoofbench.errors import SpoofbenchError
-from spoofbench.testing.converter_subject import Outcome, Subject, TrickledSource, differing
+from spoofbench.testing.converter_cases import (
+    ConverterUnderTest,
+    Outcome,
+    TrickledSource,
+    differing,
+)
 
 MCAP = "mcap"
 _TRICKLE_EVERY = 8
@@ -38,7 +43,7 @@ def check(target: str, path: Path, turn: int) -> None:
     if target == MCAP:
         _check_mcap(path)
         return
-    subject = Subject(target, (path,), {}, True)
+    subject = ConverterUnderTest(target, (path,), {}, True)
     subject.sniff(path)
     archive = path.read_bytes()[:2] == b"PK"
     whole = subject.convert(path)
@@ -62,7 +67,7 @@ def _check_mcap(path: Path) -> None:
                 _ = recording[topic]
 
 
-def _check_account(subject: Subject, found: Outcome) -> None:
+def _check_account(subject: ConverterUnderTest, found: Outcome) -> None:
     if found.error is not None:
         return
     if (

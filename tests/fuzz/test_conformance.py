@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.fuzz.seeds import made, nmea_lines, phone_log, table_log, ubx_log
 from spoofbench.testing import check_converter
-from spoofbench.testing.checking import Check
+from spoofbench.testing.kit import Check
 
 SECONDS = 90
 

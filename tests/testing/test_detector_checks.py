@@ -12,8 +12,8 @@ import pytest
 from spoofbench.detector import Decisions, Detector
 from spoofbench.errors import PluginError
 from spoofbench.testing import CheckFailed, check_detector, run_detector_checks
+from spoofbench.testing.detector_cases import difference
 from spoofbench.testing.detectors import LAWS
-from spoofbench.testing.subject import difference
 
 
 def _module() -> ModuleType:
@@ -47,8 +47,8 @@ BROKEN = {
     bad.PeeksAtItsCallers: "needs_nothing_but_the_blind_recording",
     bad.ReadsAFile: "needs_nothing_but_the_blind_recording",
     bad.ReadsAGlobal: "needs_nothing_but_the_blind_recording",
-    bad.StumblesOverRepeatedTimes: "survives_poor_recordings",
-    bad.StumblesOverEmptiness: "survives_poor_recordings",
+    bad.StumblesOverRepeatedTimes: "survives_degraded_recordings",
+    bad.StumblesOverEmptiness: "survives_degraded_recordings",
     bad.NeedsWhatItOnlyUses: "does_without_what_it_does_not_require",
     bad.FailsWithoutItsKinds: "says_what_is_missing",
     bad.NeverKnows: "decides",

@@ -9,7 +9,7 @@ import pytest
 from spoofbench.recording import Recording
 from spoofbench.schema import SENSOR_KINDS
 from spoofbench.testing import drive, spoofed_drive
-from spoofbench.testing.futures import cuts, futures
+from spoofbench.testing.detector_cases import cuts, futures
 from spoofbench.testing.motion import GRAVITY_MPS2, STEP_S, body_from_ned, make_motion
 
 

@@ -14,9 +14,9 @@ return the results of the same checks.
 """
 
 from spoofbench.testing.attacks import check_attack, run_attack_checks
-from spoofbench.testing.checking import CheckFailed, CheckResult
 from spoofbench.testing.converters import check_converter, run_converter_checks
 from spoofbench.testing.detectors import check_detector, run_detector_checks
+from spoofbench.testing.kit import CheckFailed, CheckResult
 from spoofbench.testing.recordings import drive, spoofed_drive
 
 __all__ = [

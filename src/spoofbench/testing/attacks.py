@@ -31,8 +31,8 @@ from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording
 from spoofbench.schema import KINDS, TRUTH_TOPIC, split_topic
 from spoofbench.table import Table
-from spoofbench.testing.attack_material import examples, inner, poor
-from spoofbench.testing.checking import (
+from spoofbench.testing.attack_cases import degraded_recordings, examples, inner
+from spoofbench.testing.kit import (
     Check,
     CheckFailed,
     CheckResult,
@@ -61,7 +61,7 @@ class Variant:
 
 
 @dataclass(frozen=True)
-class Subject:
+class AttackUnderTest:
     """An attack under test: an instance, or the name of an entry point and its parameters."""
 
     given: str | Attack
@@ -107,7 +107,7 @@ def check_attack(attack: str | Attack, **parameters: Any) -> "pytest.MarkDecorat
         attack: name of an entry point of ``spoofbench.attacks``, or an instance.
         parameters: of the entry point's dataclass.
     """
-    return parametrised(LAWS, Subject(attack, MappingProxyType(parameters)))
+    return parametrised(LAWS, AttackUnderTest(attack, MappingProxyType(parameters)))
 
 
 def run_attack_checks(
@@ -118,12 +118,12 @@ def run_attack_checks(
     Raises:
         PluginError: there is no such attack, it cannot be loaded, or it refuses the parameters.
     """
-    subject = Subject(attack, parameters)
+    subject = AttackUnderTest(attack, parameters)
     _ = subject.attack
     return [Check(law, subject).result() for law in LAWS]
 
 
-def is_a_frozen_dataclass(subject: Subject) -> None:
+def is_a_frozen_dataclass(subject: AttackUnderTest) -> None:
     """It is a frozen dataclass whose parameters JSON can hold, and it models GNSS-derived kinds."""
     attack: Any = subject.attack
     parameters_of(subject.name, attack)
@@ -137,7 +137,7 @@ def is_a_frozen_dataclass(subject: Subject) -> None:
     require(bool(attack.models), "models is empty: an attack must change at least one kind")
 
 
-def attacks(subject: Subject) -> None:
+def attacks(subject: AttackUnderTest) -> None:
     """It can be made on at least one example, and keeps the laws that the harness enforces on all
     of them.
     """
@@ -147,7 +147,7 @@ def attacks(subject: Subject) -> None:
     )
 
 
-def leaves_what_it_cannot_touch(subject: Subject) -> None:
+def leaves_what_it_cannot_touch(subject: AttackUnderTest) -> None:
     """Other sensors, the reference and metadata are the clean recording's; GNSS-derived kinds
     without a model are gone.
     """
@@ -168,7 +168,7 @@ def leaves_what_it_cannot_touch(subject: Subject) -> None:
         require(attacked.metadata == clean.metadata, f"on {variant.name}, metadata have changed")
 
 
-def stays_within_its_truth(subject: Subject) -> None:
+def stays_within_its_truth(subject: AttackUnderTest) -> None:
     """The truth interval begins at the first and ends right after the last changed or deleted row,
     within the window.
     """
@@ -222,7 +222,7 @@ def _same_rows(one: Table, other: Table) -> bool:
     )
 
 
-def rounds_as_the_receiver_does(subject: Subject) -> None:
+def rounds_as_the_receiver_does(subject: AttackUnderTest) -> None:
     """Every float of an attacked row is one that the victim's receiver could have written."""
     for variant in subject.variants:
         for topic in _attacked_topics(variant):
@@ -239,7 +239,7 @@ def rounds_as_the_receiver_does(subject: Subject) -> None:
                 )
 
 
-def is_deterministic(subject: Subject) -> None:
+def is_deterministic(subject: AttackUnderTest) -> None:
     """The same seed gives the same bytes, from a fresh instance and whatever the state of the
     global generators.
     """
@@ -255,7 +255,7 @@ def is_deterministic(subject: Subject) -> None:
         )
 
 
-def leaves_its_arguments(subject: Subject) -> None:
+def leaves_its_arguments(subject: AttackUnderTest) -> None:
     """The clean recording and the donors are the same after the call."""
     for variant in subject.variants:
         given = [
@@ -272,10 +272,10 @@ def leaves_its_arguments(subject: Subject) -> None:
             )
 
 
-def says_when_it_cannot_be_made(subject: Subject) -> None:
+def says_when_it_cannot_be_made(subject: AttackUnderTest) -> None:
     """A poor recording gives a variant or :class:`NotApplicable`, never anything else."""
     clean, _ = examples()["a drive at 1 Hz"]
-    for name, recording, donors in poor(clean):
+    for name, recording, donors in degraded_recordings(clean):
         span = clean.span
         for window in (inner(span), Interval(span.start_ns, span.end_ns)):
             try:
@@ -286,13 +286,13 @@ def says_when_it_cannot_be_made(subject: Subject) -> None:
                 raise CheckFailed(f"on {name} it raises {type(error).__name__}: {error}") from error
 
 
-def pickles(subject: Subject) -> None:
+def pickles(subject: AttackUnderTest) -> None:
     """It can go to another process and is equal there."""
     copied = pickle.loads(pickle.dumps(subject.attack))
     require(copied == subject.attack, f"{subject.attack!r} comes back from pickle as {copied!r}")
 
 
-LAWS: tuple[Callable[[Subject], None], ...] = (
+LAWS: tuple[Callable[[AttackUnderTest], None], ...] = (
     is_a_frozen_dataclass,
     attacks,
     leaves_what_it_cannot_touch,

@@ -17,7 +17,7 @@ from typing import Any
 from spoofbench import plugins
 from spoofbench.conversion import Converter, Source
 from spoofbench.errors import SpoofbenchError
-from spoofbench.testing.converter_subject import outcome
+from spoofbench.testing.converter_cases import outcome
 from spoofbench.testing.isolated import import_module
 
 _ELSEWHERE = {

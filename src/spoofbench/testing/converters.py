@@ -9,7 +9,7 @@ Three lines hold a converter to its contract::
 
 Good samples are logs of a minute or more whose times are told early. What the laws on cuts and
 damage say leaves out
-the last seconds before them (:data:`spoofbench.testing.damage_laws.HELD_S`): so long may a
+the last seconds before them (:data:`spoofbench.testing.damage.HELD_S`): so long may a
 converter hold rows to put them in order, to join what belongs together and to know what follows.
 """
 
@@ -28,17 +28,26 @@ import numpy as np
 from spoofbench.conversion import Converter
 from spoofbench.schema import split_topic
 from spoofbench.table import Table
-from spoofbench.testing.checking import Check, CheckResult, parametrised, require
 from spoofbench.testing.converter_alone import convert_alone
-from spoofbench.testing.converter_subject import Outcome, Subject, TrickledSource, differing
-from spoofbench.testing.damage import STRANGERS, beginnings, copy_log, damaged_logs, scratch
-from spoofbench.testing.damage_laws import (
+from spoofbench.testing.converter_cases import (
+    ConverterUnderTest,
+    Outcome,
+    TrickledSource,
+    differing,
+)
+from spoofbench.testing.damage import (
+    FOREIGN_FILES,
+    beginnings,
+    copy_log,
+    damaged_logs,
     keeps_memory_bounded,
     keeps_what_stands_around_damage,
     keeps_what_stands_before_a_cut,
     raises_only_its_errors,
+    scratch,
     survives_garbage,
 )
+from spoofbench.testing.kit import Check, CheckResult, parametrised, require
 
 if TYPE_CHECKING:
     import pytest
@@ -77,7 +86,7 @@ def check_converter(
         options: of its ``Options``.
     """
     return parametrised(
-        LAWS, Subject(converter, tuple(samples), MappingProxyType(options), streamed)
+        LAWS, ConverterUnderTest(converter, tuple(samples), MappingProxyType(options), streamed)
     )
 
 
@@ -93,12 +102,12 @@ def run_converter_checks(
     Raises:
         PluginError: there is no such converter, or it cannot be loaded.
     """
-    subject = Subject(converter, tuple(samples), options, streamed)
+    subject = ConverterUnderTest(converter, tuple(samples), options, streamed)
     _ = subject.converter
     return [Check(law, subject).result() for law in LAWS]
 
 
-def declares_itself(subject: Subject) -> None:
+def declares_itself(subject: ConverterUnderTest) -> None:
     """VERSION is a text, UNIT what the ledger counts, Options a frozen dataclass whose fields all
     have defaults.
     """
@@ -135,7 +144,7 @@ def declares_itself(subject: Subject) -> None:
         )
 
 
-def recognises_by_content(subject: Subject) -> None:
+def recognises_by_content(subject: ConverterUnderTest) -> None:
     """A sample is recognised under any name; other logs under its name, and damaged ones, never
     raise.
     """
@@ -149,12 +158,12 @@ def recognises_by_content(subject: Subject) -> None:
                     subject.sniff(renamed) == score,
                     f"sniff() of {path.name!r} answers otherwise where it is called {name!r}",
                 )
-            for number, stranger in enumerate(STRANGERS):
+            for number, foreign in enumerate(FOREIGN_FILES):
                 other = folder / str(number) / path.name
                 other.parent.mkdir()
-                other.write_bytes(stranger)
+                other.write_bytes(foreign)
                 answer = subject.sniff(other)
-                what = f"{len(stranger):,} bytes that begin with {stranger[:20]!r}"
+                what = f"{len(foreign):,} bytes that begin with {foreign[:20]!r}"
                 require(
                     answer == 0,
                     f"sniff() claims {what} as {answer} where it is called {path.name!r}",
@@ -168,14 +177,14 @@ def recognises_by_content(subject: Subject) -> None:
                 subject.sniff(other)
 
 
-def converts(subject: Subject) -> None:
+def converts(subject: ConverterUnderTest) -> None:
     """Each sample gives rows, without an error."""
     for path, whole in subject.wholes.items():
         require(whole.error is None, f"{path.name!r} is refused: {whole.error}")
         require(whole.rows > 0, f"{path.name!r} gives no rows")
 
 
-def gives_rows_in_order(subject: Subject) -> None:
+def gives_rows_in_order(subject: ConverterUnderTest) -> None:
     """The rows of a topic never run backwards in time, over all blocks; times are of the Unix
     era.
     """
@@ -187,7 +196,7 @@ def gives_rows_in_order(subject: Subject) -> None:
             )
 
 
-def says_what_can_be(subject: Subject) -> None:
+def says_what_can_be(subject: ConverterUnderTest) -> None:
     """Values of undamaged samples are finite or absent, within the range of their quantity; facts
     are text.
     """
@@ -202,13 +211,13 @@ def says_what_can_be(subject: Subject) -> None:
             )
             require(
                 texts,
-                f"the facts {name!r} of {path.name!r} must be text by text, not {dict(record)!r}",
+                f"the metadata {name!r} of {path.name!r} must be text by text, not {dict(record)!r}",
             )
         for topic in whole.tables:
             source = f"source/{split_topic(topic)[0] or 'reference'}"
             require(
                 bool(whole.facts.get(source)),
-                f"no facts say what {topic} of {path.name!r} is: yield SourceMetadata with {source!r}",
+                f"nothing says what {topic} of {path.name!r} is: yield SourceMetadata with {source!r}",
             )
 
 
@@ -228,7 +237,7 @@ def _impossible(table: Table, name: str) -> str | None:
     return None
 
 
-def accounts_for_every_unit(subject: Subject) -> None:
+def accounts_for_every_unit(subject: ConverterUnderTest) -> None:
     """Used and skipped make up the unpacked log, whole or damaged; rejects lie within it and do not
     overlap.
     """
@@ -241,7 +250,7 @@ def accounts_for_every_unit(subject: Subject) -> None:
                 )
 
 
-def _require_account(subject: Subject, found: Outcome, what: str) -> None:
+def _require_account(subject: ConverterUnderTest, found: Outcome, what: str) -> None:
     if found.error is not None:
         return
     for offset, length, reason in found.rejects:
@@ -279,14 +288,14 @@ def _require_account(subject: Subject, found: Outcome, what: str) -> None:
         end = max(end, offset + length)
 
 
-def is_deterministic(subject: Subject) -> None:
+def is_deterministic(subject: ConverterUnderTest) -> None:
     """Converting again gives the same, also after other logs."""
     for path, whole in reversed(list(subject.wholes.items())):
         other = differing(subject.convert(path).digests, whole.digests)
         require(not other, f"{other} of {path.name!r} are others the second time")
 
 
-def depends_on_content_alone(subject: Subject) -> None:
+def depends_on_content_alone(subject: ConverterUnderTest) -> None:
     """Under another name, in another folder, time zone, locale and hash seed it gives the same, and
     leaves no file behind.
     """
@@ -308,7 +317,7 @@ def depends_on_content_alone(subject: Subject) -> None:
             require(not alone.left, f"on {path.name!r}, convert() leaves files: {alone.left}")
 
 
-def reads_in_any_pieces(subject: Subject) -> None:
+def reads_in_any_pieces(subject: ConverterUnderTest) -> None:
     """A stream that gives fewer bytes than it is asked for gives the same rows; so rows do not
     depend on where pieces end.
     """
@@ -317,7 +326,7 @@ def reads_in_any_pieces(subject: Subject) -> None:
         require(not other, f"{other} of {path.name!r} are others in smaller pieces")
 
 
-def leaves_log_and_process(subject: Subject) -> None:
+def leaves_log_and_process(subject: ConverterUnderTest) -> None:
     """The log, its folder, the working folder, the environment and the time zone stay as they
     are.
     """
@@ -347,7 +356,7 @@ def _state(folder: Path) -> dict[str, Any]:
     return {"the log or its folder": digests, "numpy's error state": np.geterr(), **about}
 
 
-LAWS: tuple[Callable[[Subject], None], ...] = (
+LAWS: tuple[Callable[[ConverterUnderTest], None], ...] = (
     declares_itself,
     recognises_by_content,
     converts,

@@ -6,8 +6,9 @@ import math
 import os
 import pickle
 import random
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -16,25 +17,26 @@ import numpy as np
 from spoofbench.detector import Detector
 from spoofbench.recording import Recording
 from spoofbench.schema import SENSOR_KINDS, split_topic
-from spoofbench.table import Table
-from spoofbench.testing.checking import (
+from spoofbench.testing.detector_cases import (
+    DetectorUnderTest,
+    cuts,
+    decide,
+    decide_if_possible,
+    degraded_recordings,
+    difference,
+    examples,
+    futures,
+    private,
+    quiet,
+)
+from spoofbench.testing.isolated import decide_alone
+from spoofbench.testing.kit import (
     Check,
     CheckFailed,
     CheckResult,
     global_seed,
     parametrised,
     require,
-)
-from spoofbench.testing.futures import cuts, futures
-from spoofbench.testing.isolated import decide_alone
-from spoofbench.testing.subject import (
-    Subject,
-    decide,
-    decide_if_possible,
-    difference,
-    examples,
-    private,
-    quiet,
 )
 
 if TYPE_CHECKING:
@@ -48,7 +50,7 @@ def check_detector(detector: str | Detector, /, **parameters: Any) -> "pytest.Ma
         detector: name of an entry point of ``spoofbench.detectors``, or an instance.
         parameters: of the entry point's dataclass.
     """
-    return parametrised(LAWS, Subject(detector, MappingProxyType(parameters)))
+    return parametrised(LAWS, DetectorUnderTest(detector, MappingProxyType(parameters)))
 
 
 def run_detector_checks(
@@ -59,7 +61,7 @@ def run_detector_checks(
     Raises:
         PluginError: there is no such detector, it cannot be loaded, or it refuses the parameters.
     """
-    subject = Subject(detector, parameters)
+    subject = DetectorUnderTest(detector, parameters)
     _ = subject.detector
     return [Check(law, subject).result() for law in LAWS]
 
@@ -68,7 +70,7 @@ def _require_same(reason: str | None, where: str) -> None:
     require(reason is None, f"{where}: {reason}")
 
 
-def is_a_frozen_dataclass(subject: Subject) -> None:
+def is_a_frozen_dataclass(subject: DetectorUnderTest) -> None:
     """Loaded by its entry point it is a frozen dataclass whose parameters are named."""
     detector: Any = subject.detector
     require(
@@ -91,7 +93,7 @@ def is_a_frozen_dataclass(subject: Subject) -> None:
         )
 
 
-def declares_its_needs(subject: Subject) -> None:
+def declares_its_needs(subject: DetectorUnderTest) -> None:
     """``requires`` and ``uses`` are kinds of the schema, ``memory_s`` is a finite number of
     seconds.
     """
@@ -111,7 +113,7 @@ def declares_its_needs(subject: Subject) -> None:
     )
 
 
-def decides(subject: Subject) -> None:
+def decides(subject: DetectorUnderTest) -> None:
     """It gives decisions on ordinary drives, an available one at least; no score is -inf."""
     for name, decisions in subject.decided.items():
         lowest = decisions.score[decisions.available].min(initial=np.inf)
@@ -126,7 +128,7 @@ def decides(subject: Subject) -> None:
     )
 
 
-def keeps_causality(subject: Subject) -> None:
+def keeps_causality(subject: DetectorUnderTest) -> None:
     """Decisions at or before t stay when the rows after t are cut off, scrambled or altered."""
     for index, example in enumerate(examples()):
         blind = example.recording.blind()
@@ -143,7 +145,7 @@ def keeps_causality(subject: Subject) -> None:
                 )
 
 
-def leaves_the_recording(subject: Subject) -> None:
+def leaves_the_recording(subject: DetectorUnderTest) -> None:
     """The recording is the same after the call."""
     for example in examples():
         blind = private(example.recording.blind())
@@ -158,7 +160,7 @@ def _fingerprint(recording: Recording) -> tuple[str, dict[str, dict[str, str]]]:
     return Recording(dict(recording.items()), recording.metadata).digest(), metadata
 
 
-def keeps_no_state(subject: Subject) -> None:
+def keeps_no_state(subject: DetectorUnderTest) -> None:
     """A recording's decisions do not depend on what was seen before it."""
     fresh: Detector = pickle.loads(pickle.dumps(subject.detector))
     for example in reversed(examples()):
@@ -169,7 +171,7 @@ def keeps_no_state(subject: Subject) -> None:
             )
 
 
-def leaves_the_process(subject: Subject) -> None:
+def leaves_the_process(subject: DetectorUnderTest) -> None:
     """The global random generators, numpy's error state, the folder and the environment stay as
     they are.
     """
@@ -180,7 +182,7 @@ def leaves_the_process(subject: Subject) -> None:
             require(value == before[name], f"detect() changes {name} of the process")
 
 
-def is_deterministic(subject: Subject) -> None:
+def is_deterministic(subject: DetectorUnderTest) -> None:
     """The same twice, whatever the state of the global random generators."""
     for example in examples():
         for seed in (1, 2):
@@ -200,12 +202,12 @@ def _process_state() -> dict[str, Any]:
     return {
         **state,
         "numpy's error state": np.geterr(),
-        "the folder": os.getcwd(),
+        "the folder": Path.cwd(),
         "the environment": dict(os.environ),
     }
 
 
-def needs_nothing_but_the_blind_recording(subject: Subject) -> None:
+def needs_nothing_but_the_blind_recording(subject: DetectorUnderTest) -> None:
     """Alone with blind recordings in another process it decides the same and reaches for no file or
     network.
     """
@@ -220,7 +222,7 @@ def needs_nothing_but_the_blind_recording(subject: Subject) -> None:
     require(answer.reached is None, f"detect() reaches beyond the recording: {answer.reached}")
 
 
-def pickles(subject: Subject) -> None:
+def pickles(subject: DetectorUnderTest) -> None:
     """It can go to another process and is equal there."""
     copied = pickle.loads(pickle.dumps(subject.detector))
     require(
@@ -228,7 +230,7 @@ def pickles(subject: Subject) -> None:
     )
 
 
-def does_without_what_it_does_not_require(subject: Subject) -> None:
+def does_without_what_it_does_not_require(subject: DetectorUnderTest) -> None:
     """Kinds beyond ``requires``, second sources and metadata may be missing."""
     recording = examples()[0].recording.blind()
     needed = Recording(
@@ -241,7 +243,7 @@ def does_without_what_it_does_not_require(subject: Subject) -> None:
     decide(subject.detector, needed)
 
 
-def says_what_is_missing(subject: Subject) -> None:
+def says_what_is_missing(subject: DetectorUnderTest) -> None:
     """Without a required kind it raises nothing but a clear error, even when the harness does not
     ask first.
     """
@@ -267,9 +269,9 @@ class _Unasked:
         return self.detector.detect(recording)
 
 
-def survives_poor_recordings(subject: Subject) -> None:
-    """Poor recordings give decisions, unavailable ones, or one clear error; never anything else."""
-    for name, recording in _poor(examples()[1].recording.blind()):
+def survives_degraded_recordings(subject: DetectorUnderTest) -> None:
+    """Degraded recordings give decisions, unavailable ones, or one clear error, nothing else."""
+    for name, recording in degraded_recordings(examples()[1].recording.blind()):
         try:
             decisions = decide_if_possible(subject.detector, recording)
         except Exception as error:
@@ -279,74 +281,7 @@ def survives_poor_recordings(subject: Subject) -> None:
             require(lowest > -np.inf, f"on {name} a score is -inf: scores must be finite or +inf")
 
 
-def _poor(recording: Recording) -> Iterator[tuple[str, Recording]]:
-    span, rng = recording.span, np.random.default_rng(4)
-    start, end = span.start_ns, span.end_ns
-    third = (end - start) // 3
-
-    def each(change: Callable[[Table], Table]) -> Recording:
-        return Recording(
-            {topic: change(table) for topic, table in recording.items()}, recording.metadata
-        )
-
-    def floats(table: Table, change: Callable[[Any], Any]) -> Table:
-        return table.replace(
-            **{name: change(table[name]) for name in table if table[name].dtype.kind == "f"}
-        )
-
-    yield "a recording without rows", recording.until(start - 1)
-    yield "a recording of one row each", each(lambda table: table.take(slice(0, 1)))
-    yield "a recording of two rows each", each(lambda table: table.take(slice(0, 2)))
-    yield (
-        "a recording without values",
-        each(lambda table: Table(table.kind.name, table.time_ns, {})),
-    )
-    yield "a recording of zeros", each(lambda table: floats(table, np.zeros_like))
-    yield (
-        "a recording with a third of the values missing",
-        each(
-            lambda table: floats(
-                table, lambda values: np.where(rng.random(values.size) < 1 / 3, np.nan, values)
-            )
-        ),
-    )
-    yield (
-        "a recording with every time twice",
-        each(lambda table: table.take(np.repeat(np.arange(len(table)), 2))),
-    )
-    yield (
-        "a recording of one time",
-        each(
-            lambda table: Table(table.kind.name, np.full(len(table), start), dict(_columns(table)))
-        ),
-    )
-    yield (
-        "a recording with a gap",
-        each(
-            lambda table: table.take(
-                (table.time_ns < start + third) | (table.time_ns > end - third)
-            )
-        ),
-    )
-    for kind in sorted(recording.kinds):
-        late = {
-            topic: recording[topic].take(recording[topic].time_ns > end - third)
-            for topic in recording.topics(kind)
-        }
-        early = {
-            topic: recording[topic].until(start + third) for topic in recording if topic not in late
-        }
-        yield (
-            f"a recording whose {kind} begins after all else has ended",
-            recording.replace({**early, **late}),
-        )
-
-
-def _columns(table: Table) -> Iterator[tuple[str, Any]]:
-    return ((name, table.column(name)) for name in table)
-
-
-LAWS: tuple[Callable[[Subject], None], ...] = (
+LAWS: tuple[Callable[[DetectorUnderTest], None], ...] = (
     is_a_frozen_dataclass,
     declares_its_needs,
     decides,
@@ -359,5 +294,5 @@ LAWS: tuple[Callable[[Subject], None], ...] = (
     pickles,
     does_without_what_it_does_not_require,
     says_what_is_missing,
-    survives_poor_recordings,
+    survives_degraded_recordings,
 )

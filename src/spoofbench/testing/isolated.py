@@ -19,7 +19,7 @@ from types import ModuleType
 
 from spoofbench.detector import Decisions, Detector
 from spoofbench.recording import Recording
-from spoofbench.testing.subject import decide_if_possible
+from spoofbench.testing.detector_cases import decide_if_possible
 
 _KEPT_ENVIRONMENT = ("PATH", "HOME", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "SYSTEMROOT")
 _FORBIDDEN_EVENTS = (

@@ -10,7 +10,7 @@ from spoofbench_converters.phone import android
 
 from spoofbench.schema import KINDS
 from spoofbench.table import Table
-from spoofbench.testing.converter_subject import outcome
+from spoofbench.testing.converter_cases import outcome
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 DAY_NS, WEEK_NS, LEAP_S = 86_400 * 10**9, 604_800 * 10**9, 18

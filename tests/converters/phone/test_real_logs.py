@@ -11,7 +11,7 @@ from spoofbench_converters import phone
 
 from spoofbench.recording import Recording
 from spoofbench.table import Table
-from spoofbench.testing.converter_subject import Outcome, outcome
+from spoofbench.testing.converter_cases import Outcome, outcome
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -1,6 +1,4 @@
-"""What checks of any plugin have in common: laws as functions of a subject, run as tests or one by
-one.
-"""
+"""What the checks of all plugins share: laws as functions of a plugin under test."""
 
 import random
 from collections.abc import Callable, Iterator, Sequence
@@ -13,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     import pytest
 
-Subject = TypeVar("Subject")
+UnderTest = TypeVar("UnderTest")
 
 
 class CheckFailed(AssertionError):
@@ -30,15 +28,15 @@ class CheckResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Check(Generic[Subject]):
+class Check(Generic[UnderTest]):
     """One law, ready to be called; the law's function names it.
 
     Raises:
         CheckFailed: the subject breaks the law.
     """
 
-    law: Callable[[Subject], None]
-    subject: Subject
+    law: Callable[[UnderTest], None]
+    subject: UnderTest
 
     def __call__(self) -> None:
         self.law(self.subject)
@@ -58,7 +56,7 @@ class Check(Generic[Subject]):
 
 
 def parametrised(
-    laws: Sequence[Callable[[Subject], None]], subject: Subject
+    laws: Sequence[Callable[[UnderTest], None]], subject: UnderTest
 ) -> "pytest.MarkDecorator":
     """Parametrise a test's argument ``check`` with a check per law."""
     import pytest

@@ -1,4 +1,4 @@
-"""What the checks of attacks work on: recordings that can be attacked, and poor ones."""
+"""What the checks of attacks work on: recordings to attack, and degraded ones."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
@@ -70,7 +70,9 @@ def inner(span: Interval) -> Interval:
     return Interval(span.end_ns - third, span.end_ns - third // 2)
 
 
-def poor(recording: Recording) -> Iterator[tuple[str, Recording, Sequence[Recording]]]:
+def degraded_recordings(
+    recording: Recording,
+) -> Iterator[tuple[str, Recording, Sequence[Recording]]]:
     """The recording in many poor states, each with a name and donors."""
 
     def each(change: Callable[[Table], Table]) -> Recording:

@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spoofbench import plugins
 from spoofbench.conversion import (
@@ -29,15 +28,15 @@ from spoofbench.conversion import (
 from spoofbench.errors import RecordingError, SpoofbenchError
 from spoofbench.recording import Recording
 from spoofbench.schema import split_topic
-from spoofbench.table import Column, Table
-from spoofbench.testing.checking import CheckFailed, require
+from spoofbench.table import Table
+from spoofbench.testing.kit import CheckFailed, require
 
 Run = tuple[int, int, str]
 """Offset, length and reason of a reject."""
 
 
 @dataclass(frozen=True)
-class Subject:
+class ConverterUnderTest:
     """A converter under test: a module or object, or the name of an entry point; sample logs;
     options by name.
     """
@@ -136,7 +135,7 @@ class Outcome:
             CheckFailed: those of a topic run backwards in time from one block to the next.
         """
         return {
-            topic: joined(topic, parts)
+            topic: _concat(topic, parts)
             for topic, parts in self.parts.items()
             if sum(map(len, parts))
         }
@@ -234,8 +233,8 @@ class _Gathered:
                 self.facts.setdefault(name, {}).update(record)
         elif not isinstance(item, SizeHint):
             raise CheckFailed(
-                "convert() must yield items of spoofbench.conversion: Block, Used, Reject, Rejects, "
-                f"SourceMetadata or SizeHint, not {type(item).__name__}"
+                "convert() must yield Block, Used, Reject, Rejects, SourceMetadata or SizeHint, not "
+                f"{type(item).__name__}"
             )
 
     def _add_rows(self, block: Block) -> None:
@@ -273,50 +272,18 @@ def merged(runs: Sequence[Run]) -> tuple[Run, ...]:
     return tuple(kept)
 
 
-def joined(topic: str, parts: Sequence[Table]) -> Table:
-    """Return a topic's rows as one table.
+def _concat(topic: str, tables: Sequence[Table]) -> Table:
+    """Return the rows of a topic's tables as one table.
 
     Raises:
-        CheckFailed: they run backwards in time from one block to the next.
+        CheckFailed: time runs backwards from one to the next.
     """
-    parts = [part for part in parts if len(part)]
-    if len(parts) == 1:
-        return parts[0]
-    times = np.concatenate([part.time_ns for part in parts])
+    times = np.concatenate([table.time_ns for table in tables])
     require(
         bool(np.all(times[1:] >= times[:-1])),
         f"rows of {topic} run backwards in time from one block to the next",
     )
-    names = {name: None for part in parts for name in part}
-    return Table(
-        parts[0].kind.name,
-        times,
-        {name: _joined_column([part.column(name) for part in parts]) for name in names},
-    )
-
-
-def _joined_column(columns: Sequence[Column]) -> Column:
-    if columns[0].words is not None:
-        words: dict[Any, int] = {}
-        codes: list[NDArray[Any]] = []
-        for column in columns:
-            place = np.array(
-                [*(words.setdefault(word, len(words)) for word in column.words or ()), -1], np.int32
-            )
-            codes.append(place[column.values])
-        return Column(np.concatenate(codes), None, tuple(words))
-    values = np.concatenate([column.values for column in columns])
-    if values.dtype.kind == "f" or all(column.valid is None for column in columns):
-        return Column(values)
-    return Column(
-        values,
-        np.concatenate(
-            [
-                np.ones(column.values.size, bool) if column.valid is None else column.valid
-                for column in columns
-            ]
-        ),
-    )
+    return Table.concat([table for table in tables if len(table)])
 
 
 def unpacked_size(log: Source) -> int | None:
