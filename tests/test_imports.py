@@ -10,6 +10,7 @@ ROOT = Path(__file__).parent.parent / "src"
 ORDER = [
     "errors",
     "arrays",
+    "config",
     "gnss_time",
     "formatting",
     "integrity",

@@ -33,8 +33,12 @@ class NotApplicable(SpoofbenchError):
     """An attack cannot be made on this recording; the task is skipped with this reason."""
 
 
+class ConfigError(SpoofbenchError):
+    """A value of a configuration is missing, unknown or invalid."""
+
+
 class SuiteError(SpoofbenchError):
-    """A suite file asks for something that does not exist or makes no sense."""
+    """A suite file asks for something that does not exist or is invalid."""
 
 
 class ResultsError(SpoofbenchError):
@@ -42,4 +46,4 @@ class ResultsError(SpoofbenchError):
 
 
 class ScenarioError(SpoofbenchError):
-    """A scenario of an integrity evaluation is incomplete or makes no sense."""
+    """A scenario of an integrity evaluation is incomplete or invalid."""

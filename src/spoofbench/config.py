@@ -1,0 +1,541 @@
+"""Configuration: values of TOML files and texts of the command line, read into dataclasses.
+
+The dataclass is the whole description. Its fields are the keys, its annotations say what each may
+be, its defaults what may be left out::
+
+    @dataclass(frozen=True)
+    class Parameters:
+        rate_mps: Annotated[float, Gt(0)]
+        axis: Literal["north", "east"] = "north"
+        window_s: tuple[float, float] | None = None
+
+    read(Parameters, {"rate_mps": 2, "axis": "east"}, "the suite 'drive.toml'")
+    read(Parameters, {"rate_mps": Text("2"), "window_s": Text("[0, 9.5]")}, "attack 'drag-off'")
+
+An annotation can be ``bool``, ``int`` (of 64 bits), ``float`` (finite, unless the field's default
+is not), ``str``, a numpy scalar, ``Literal``, an enum (read by value or name), a path, ``None``, a
+union, tuple, list or mapping of these, a dataclass, or ``Any`` (what TOML can say, apart from
+dates). ``Annotated`` adds constraints of :mod:`annotated_types`, and by its ``doc("...")`` the
+words for what a value must be. ``field(metadata={"key": ...})`` gives a field another key.
+"""
+
+import difflib
+import json
+import math
+import operator
+import re
+import reprlib
+import tomllib
+from collections.abc import (
+    Callable,
+    Iterable,
+    Iterator,
+    Mapping,
+    Sequence,
+)
+from contextlib import suppress
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
+from datetime import date
+from enum import Enum
+from pathlib import Path, PurePath
+from types import NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    Final,
+    Literal,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from annotated_types import DocInfo, Ge, GroupedMetadata, Gt, Le, Lt, MaxLen, MinLen, Predicate
+
+from spoofbench.errors import ConfigError, SpoofbenchError
+
+T = TypeVar("T")
+
+_LISTS: Mapping[Any, Callable[[list[Any]], Any]] = {tuple: tuple, Sequence: tuple, list: list}
+_TABLES = (dict, Mapping)
+_BOUNDS: Mapping[type, tuple[str, Callable[[Any, Any], bool], str]] = {
+    Ge: ("ge", operator.ge, "of at least"),
+    Gt: ("gt", operator.gt, "above"),
+    Le: ("le", operator.le, "at most"),
+    Lt: ("lt", operator.lt, "below"),
+}
+_FLAGS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+
+
+class Text(str):
+    """A value as a user typed it, which is read as its field's annotation wants it.
+
+    It is taken as TOML where it is TOML (``2.5``, ``[1, 2]``, ``"5"``), and else as it stands;
+    empty is ``None`` where that may be.
+    """
+
+    __slots__ = ()
+
+
+def read_toml(
+    source: Path | bytes | str, what: str, error: type[SpoofbenchError] = ConfigError
+) -> dict[str, Any]:
+    """Return the table of a TOML file, or of the bytes or text of one.
+
+    Args:
+        source: a path, or what is in the file.
+        what: what an error calls it, such as ``the suite 'drive.toml'``.
+        error: class of the error.
+
+    Raises:
+        SpoofbenchError: of the class ``error``: it cannot be read, or is not TOML.
+    """
+    try:
+        content = source.read_bytes() if isinstance(source, Path) else source
+        return tomllib.loads(content.decode() if isinstance(content, bytes) else content)
+    except OSError as reason:
+        raise error(f"{what} cannot be read: {reason.strerror or reason}") from reason
+    except RecursionError as reason:
+        raise error(f"{what} is not TOML: it nests too deeply") from reason
+    except ValueError as reason:
+        raise error(f"{what} is not TOML: {_one_line(reason)}") from reason
+
+
+def read(
+    kind: type[T],
+    table: Mapping[str, Any],
+    where: str,
+    *,
+    noun: str = "key",
+    error: type[SpoofbenchError] = ConfigError,
+) -> T:
+    """Return a dataclass made from a table, with each value read as its field's annotation says.
+
+    Args:
+        kind: the dataclass. A ``ValueError`` of its ``__post_init__`` says what does not fit.
+        table: by key, what TOML or JSON can say, finished instances, or :class:`Text`.
+        where: what an error names first, such as ``the suite 'drive.toml'``.
+        noun: what an error calls a key, such as ``parameter``.
+        error: class of the error.
+
+    Raises:
+        SpoofbenchError: of the class ``error``, in one sentence: a key is unknown or missing, a
+            value is not what its annotation says, or the dataclass refuses the values.
+    """
+    try:
+        made: T = _Section(where, noun, error).read(kind, table)
+    except RecursionError as reason:
+        raise error(f"{where} nests its tables too deeply; write it flat") from reason
+    return made
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON and TOML can say it, which :func:`read` turns back into an equal
+    one.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        values = ((_key(each), getattr(value, each.name)) for each in fields(value) if each.init)
+        return {key: plain(item) for key, item in values}
+    if isinstance(value, Enum):
+        return value.value if type(value.value) in (str, int) else value.name
+    if isinstance(value, Mapping):
+        return {str(plain(key)): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if _is_numpy(type(value)):
+        return plain(value.tolist())
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
+
+
+def did_you_mean(given: str, known: Iterable[str]) -> str:
+    """Return how a sentence about an unknown name ends: with the nearest name, or with all."""
+    known = sorted(known)
+    near = difflib.get_close_matches(given[:100], known, 1)
+    return f"; did you mean {near[0]!r}?" if near else f"; there are {known or 'none'}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Section:
+    """A table on its way to a dataclass, and how an error calls it."""
+
+    where: str
+    noun: str
+    error: type[SpoofbenchError]
+    path: str = ""
+
+    def read(self, kind: type[Any], table: Mapping[str, Any]) -> Any:
+        known = {_key(each): each for each in fields(kind) if each.init}
+        for key in table:
+            if key not in known:
+                has = "has an unknown" if self.noun == "key" else "has no"
+                hint = did_you_mean(str(key), known)
+                raise self.error(f"{self.where} {has} {self.noun} {_shown(key)}{hint}")
+        hints = self._annotations(kind) if table else {}
+        values = {}
+        for key, each in known.items():
+            if key in table:
+                value = _Value(self, key, each.default)
+                values[each.name] = value.read_or_refuse(hints[each.name], table[key])
+            elif each.default is MISSING and each.default_factory is MISSING:
+                raise self.error(f"{self.where} lacks the {self.noun} {key!r}; add it")
+        try:
+            return kind(**values)
+        except (ValueError, SpoofbenchError) as reason:
+            refusal = _one_line(reason)
+        except Exception as reason:  # noqa: BLE001, the dataclass of a plugin may raise anything
+            refusal = f"{type(reason).__name__}: {_one_line(reason)}"
+        raise self.error(
+            f"{self.where}: {refusal}"
+            if self.noun == "key"
+            else f"{self.where} refuses its {self.noun}s {_shown(values)}: {refusal}"
+        )
+
+    def within(self, key: str, number: int | None = None) -> "_Section":
+        """Return the table under a key, or one of several under it."""
+        path = f"{self.path}.{key}" if self.path else key
+        label = f"[{path}]" if number is None else f"[[{path}]] number {number}"
+        top = self.where.removesuffix(f", [{self.path}]") if self.path else self.where
+        return _Section(f"{top}, {label}", self.noun, self.error, path)
+
+    def _annotations(self, kind: type[Any]) -> dict[str, Any]:
+        try:
+            return get_type_hints(kind, include_extras=True)
+        except Exception as reason:  # annotations of a plugin may raise anything
+            raise self.error(
+                f"{self.where}: the annotations of {kind.__name__} cannot be resolved: "
+                f"{type(reason).__name__}: {_one_line(reason)}; its author must import what they "
+                "name at run time"
+            ) from reason
+
+
+class _Mismatch(Exception):
+    """A value is not what its annotation says; ``args`` are its label, the value, and what it must
+    be.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class _Value:
+    """A value of a section on its way to what its annotation says; ``number`` counts the items of a
+    list from 1.
+    """
+
+    section: _Section
+    key: str
+    default: Any = None
+    number: int | None = None
+
+    @property
+    def label(self) -> str:
+        return self.key if self.number is None else f"{self.key}[{self.number - 1}]"
+
+    def read_or_refuse(self, kind: Any, value: Any) -> Any:
+        """Return the value of a field; a mismatch becomes a sentence."""
+        try:
+            return self._typed(kind, value) if isinstance(value, Text) else self.read(kind, value)
+        except _Mismatch as mismatch:
+            label, wrong, wanted = mismatch.args
+        noun = "" if self.section.noun == "key" else f"{self.section.noun} "
+        raise self.section.error(
+            f"{self.section.where}: {noun}{label} = {_shown(wrong)} must be {wanted}"
+        )
+
+    def read(self, kind: Any, value: Any) -> Any:
+        """Return the value as the annotation says.
+
+        Raises:
+            _Mismatch: it cannot be that.
+            SpoofbenchError: of the section's class: a table within it is wrong, or nothing can be
+                read for such an annotation.
+        """
+        origin, args = get_origin(kind) or kind, get_args(kind)
+        if origin is Annotated:
+            return self._constrained(args[0], args[1:], value)
+        if origin in (Union, UnionType):
+            return self._union(args, value)
+        if origin is Final or hasattr(kind, "__supertype__"):  # the latter: typing.NewType
+            return self.read(args[0] if args else kind.__supertype__, value)
+        if _is_numpy(type(value)) and not _is_numpy(origin):
+            value = value.tolist()
+        if origin in (None, NoneType):
+            return self._require(value is None, value, "empty")
+        if origin in (Any, object):
+            return self._anything(value)
+        if origin is Literal:
+            return self._choice([(plain(choice), choice) for choice in args], value)
+        if origin in _TABLES:
+            return self._table(args or (str, Any), value)
+        if origin in _LISTS:
+            return self._list(origin, args, value)
+        return self._scalar(origin, value) if isinstance(origin, type) else self._other(kind, value)
+
+    def _typed(self, kind: Any, text: Text) -> Any:
+        """Return what a user typed, in the first reading that fits."""
+        refusals: list[Exception] = []
+        for reading in _readings(str(text)):
+            try:
+                return self.read(kind, reading)
+            except (_Mismatch, self.section.error) as refusal:
+                refusals.append(refusal)
+        first = refusals[0]
+        if isinstance(first, _Mismatch) and first.args[0] == self.label:
+            raise _Mismatch(self.label, str(text), first.args[2])
+        raise first
+
+    def _scalar(self, kind: type[Any], value: Any) -> Any:
+        if kind is bool:
+            return self._require(isinstance(value, bool), value, "true or false")
+        if kind is int:
+            fits = isinstance(value, int) and not isinstance(value, bool)
+            return int(self._require(fits and abs(value) < 2**63, value, "a whole number"))
+        if kind is float:
+            return self._number(value)
+        if kind is str:
+            return str.__str__(self._require(isinstance(value, str), value, "a string"))
+        if is_dataclass(kind) and not isinstance(value, kind):
+            form = f"[{self.key}]" if self.number is None else f"[[{self.key}]]"
+            self._require(isinstance(value, Mapping), value, f"a table: write it as {form}")
+            return self.section.within(self.key, self.number).read(kind, value)
+        if issubclass(kind, Enum):
+            members = [(plain(member), member) for member in kind]
+            return self._choice([*members, *kind.__members__.items()], value)
+        if issubclass(kind, PurePath):
+            fits = isinstance(value, PurePath) or (isinstance(value, str) and value != "")
+            return kind(self._require(fits and "\0" not in str(value), value, "a non-empty path"))
+        return self._numpy(kind, value) if _is_numpy(kind) else self._other(kind, value)
+
+    def _number(self, value: Any) -> float:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        self._require(is_number, value, "a number")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.nan
+        fits = math.isfinite(number) or number == self.default
+        self._require(fits, value, "a finite number")
+        return number
+
+    def _numpy(self, kind: Any, value: Any) -> Any:
+        import numpy as np
+
+        value = value.tolist() if isinstance(value, np.generic) else value
+        if issubclass(kind, np.bool_):
+            return kind(self.read(bool, value))
+        is_whole = issubclass(kind, np.integer)
+        if kind.__subclasses__() or not (is_whole or issubclass(kind, np.floating)):
+            return self._other(kind, value)
+        number = self.read(int if is_whole else float, value)
+        limits: Any = np.iinfo(kind) if is_whole else np.finfo(kind)
+        low, high = (type(number)(limit) for limit in (limits.min, limits.max))
+        fits = low <= number <= high or not math.isfinite(number)
+        self._require(fits, value, f"{_noun(number)} from {low} to {high}")
+        return kind(number)
+
+    def _choice(self, choices: Sequence[tuple[Any, Any]], value: Any) -> Any:
+        """Return what goes with a plain value, of pairs of plain value and choice."""
+        sought = plain(value)
+        for said, choice in choices:
+            if type(said) is type(sought) and said == sought:
+                return choice
+        known = list(dict.fromkeys(_shown(said) for said, _ in choices))
+        near = difflib.get_close_matches(_shown(sought), known, 1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise _Mismatch(self.label, value, f"one of {', '.join(known)}{hint}")
+
+    def _union(self, kinds: Sequence[Any], value: Any) -> Any:
+        """Return the value as the kind that it is already, or else the first that it can be."""
+        wanted = []
+        refusals: list[SpoofbenchError] = []
+        for kind in sorted(kinds, key=lambda kind: type(value) is not kind):
+            try:
+                return self.read(kind, value)
+            except _Mismatch as mismatch:
+                wanted.append(mismatch)
+            except self.section.error as refusal:
+                refusals.append(refusal)
+        if refusals:
+            raise refusals[0]
+        deeper = [mismatch for mismatch in wanted if mismatch.args[0] != self.label]
+        if deeper:
+            raise deeper[0]
+        words = dict.fromkeys(str(mismatch.args[2]) for mismatch in wanted)
+        raise _Mismatch(self.label, value, " or ".join(w for w in words if w != "empty"))
+
+    def _list(self, kind: Any, args: tuple[Any, ...], value: Any) -> Any:
+        self._require(isinstance(value, list | tuple), value, "a list")
+        kinds: Sequence[Any] = args
+        if kind is not tuple or not args or args[-1] is Ellipsis:
+            kinds = (args[0] if args else Any,) * len(value)
+        self._require(len(kinds) == len(value), value, f"a list of {len(kinds)} values")
+        items = [
+            replace(self, key=self.label, number=number).read(each, item)
+            for number, (each, item) in enumerate(zip(kinds, value, strict=True), 1)
+        ]
+        return _LISTS[kind](items)
+
+    def _table(self, kinds: tuple[Any, ...], value: Any) -> dict[Any, Any]:
+        self._require(isinstance(value, Mapping), value, "a table")
+        key_kind, kind = kinds
+        made = {}
+        for key, item in value.items():
+            within = replace(self, key=f"{self.label}.{_bare(str(key))}", number=None)
+            is_text = isinstance(key, str) and key_kind not in (str, Any)
+            name = within._typed(key_kind, Text(key)) if is_text else within.read(key_kind, key)
+            made[name] = within.read(kind, item)
+        return made
+
+    def _anything(self, value: Any) -> Any:
+        """Return what TOML can say apart from dates, with tuples for lists."""
+        if isinstance(value, list | tuple):
+            return self._list(tuple, (), value)
+        if isinstance(value, Mapping):
+            return self._table((str, Any), value)
+        if value is None or isinstance(value, str | bool):
+            return value
+        fits = isinstance(value, int) and abs(value) < 2**63
+        if not fits:
+            fits = isinstance(value, float) and (math.isfinite(value) or value == self.default)
+        return self._require(
+            fits, value, "a string, a finite number, true or false; write dates as strings"
+        )
+
+    def _constrained(self, kind: Any, metadata: Iterable[Any], value: Any) -> Any:
+        rules = [
+            rule
+            for each in metadata
+            for rule in (each if isinstance(each, GroupedMetadata) else (each,))
+        ]
+        words = next((rule.documentation for rule in rules if isinstance(rule, DocInfo)), None)
+        try:
+            made = self.read(kind, value)
+            broken = made is not None and not all(self._keeps(rule, made) for rule in rules)
+            wanted = _noun(made)
+        except _Mismatch as mismatch:
+            label, _, wanted = mismatch.args
+            if words is None and label != self.label:
+                raise
+            broken = True
+        if broken:
+            raise _Mismatch(self.label, value, words or _with_rules(wanted, rules))
+        return made
+
+    def _keeps(self, rule: Any, value: Any) -> bool:
+        try:
+            if type(rule) in _BOUNDS:
+                name, compare, _ = _BOUNDS[type(rule)]
+                return bool(compare(value, getattr(rule, name)))
+            if isinstance(rule, MinLen):
+                return len(value) >= rule.min_length
+            if isinstance(rule, MaxLen):
+                return len(value) <= rule.max_length
+            return not isinstance(rule, Predicate) or bool(rule.func(value))
+        except Exception as reason:  # a rule of a plugin may raise anything
+            raise self._blame(
+                f"has the rule {rule!r}, which raises {type(reason).__name__}: {_one_line(reason)}"
+            ) from reason
+
+    def _other(self, kind: Any, value: Any) -> Any:
+        """Return a finished instance; nothing else can be read for this annotation."""
+        if isinstance(kind, type) and isinstance(value, kind):
+            return value
+        name = getattr(kind, "__name__", None) or str(kind)
+        raise self._blame(f"is of type {name}, which neither TOML nor a text can say")
+
+    def _blame(self, what: str) -> SpoofbenchError:
+        return self.section.error(
+            f"{self.section.where}: the {self.section.noun} {self.label} {what}; its author must "
+            "annotate it otherwise"
+        )
+
+    def _require(self, fits: bool, value: Any, wanted: str) -> Any:
+        if not fits:
+            raise _Mismatch(self.label, value, wanted)
+        return value
+
+
+def _readings(text: str) -> Iterator[Any]:
+    """Yield what a text can mean, the most literal first."""
+    if not text:
+        yield None
+    with suppress(ValueError, RecursionError):
+        table = tomllib.loads(f"value = {text}")
+        if table.keys() == {"value"}:
+            yield table["value"]
+    yield text
+    for number in (int, float):
+        with suppress(ValueError):
+            yield number(text)
+    if text.lower() in _FLAGS:
+        yield _FLAGS[text.lower()]
+
+
+def _with_rules(wanted: str, rules: Iterable[Any]) -> str:
+    """Return the words for what a value must be, with its constraints."""
+    limits = []
+    for rule in rules:
+        if type(rule) in _BOUNDS:
+            name, _, words = _BOUNDS[type(rule)]
+            limit = getattr(rule, name)
+            limits.append(f"{words} {limit:g}" if isinstance(limit, float) else f"{words} {limit}")
+        elif isinstance(rule, MinLen) and rule.min_length == 1:
+            wanted = wanted.replace("a ", "a non-empty ", 1)
+        elif isinstance(rule, MinLen | MaxLen):
+            least, most = getattr(rule, "min_length", None), getattr(rule, "max_length", None)
+            limits.append(
+                f"of length {least} or more" if most is None else f"of length {most} or less"
+            )
+        elif isinstance(rule, Predicate):
+            limits.append(f"for which {getattr(rule.func, '__name__', rule.func)} holds")
+    return " ".join([wanted, " and ".join(limits)]).strip()
+
+
+def _noun(value: Any) -> str:
+    if isinstance(value, int):
+        return "a whole number"
+    nouns = {float: "a number", str: "a string", tuple: "a list", list: "a list", dict: "a table"}
+    return nouns.get(type(value), "a value")
+
+
+def _key(field: "Field[Any]") -> str:
+    return str(field.metadata.get("key", field.name))
+
+
+def _bare(key: str) -> str:
+    """Return a key as TOML writes it."""
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key)
+
+
+def _one_line(reason: object) -> str:
+    return " ".join(str(reason).split())
+
+
+def _is_numpy(kind: Any) -> bool:
+    return getattr(kind, "__module__", None) == "numpy"
+
+
+class _Brief(reprlib.Repr):
+    """A value as a message shows it: as TOML writes it, and shortened."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxstring = self.maxother = 100
+        self.maxlong = 40
+        self.maxlist = self.maxtuple = self.maxdict = 12
+
+    def repr_bool(self, value: bool, _: int) -> str:
+        return "true" if value else "false"
+
+    def repr_date(self, value: date, _: int) -> str:
+        return value.isoformat()
+
+    repr_datetime = repr_date
+
+    def repr_int(self, value: int, level: int) -> str:
+        # decimal digits of what has very many cost too much, and Python refuses to count them
+        if value.bit_length() > 4096:
+            return f"{hex(value)[:18]}..."
+        return super().repr_int(value, level)
+
+
+_shown = _Brief().repr
