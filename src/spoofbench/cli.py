@@ -174,8 +174,7 @@ def doctor(
 
     Exit code: 0 nothing above info, 3 warnings, 4 errors; 1 if a file cannot be examined.
     """
-    from spoofbench.doctor import examine_file
-    from spoofbench.doctor.telling import as_rows, as_text
+    from spoofbench.doctor import as_rows, as_text, examine_file
     from spoofbench.errors import SpoofbenchError
 
     found: dict[str, Any] = {}

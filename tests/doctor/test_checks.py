@@ -219,6 +219,8 @@ STEPS = {
     "clock_steps": json.dumps([{"offset": 7, "from_ns": 0, "to_ns": SECOND_NS}]),
 }
 
+HUGE_STEP = json.dumps([{"from_ns": 0, "to_ns": 10**400}])
+
 MISTAKES: dict[str, tuple[Change, str, str]] = {
     "velocity in km/h": (scaled(PVT, 3.6, *VELOCITY), "speed-unit", "error"),
     "speed in knots": (
@@ -256,6 +258,7 @@ MISTAKES: dict[str, tuple[Change, str, str]] = {
     "gyro in deg/s": (scaled(IMU, np.degrees(1), *GYRO), "gyro-unit", "error"),
     "gyro times pi/180 twice": (scaled(IMU, np.radians(1), *GYRO), "gyro-unit", "error"),
     "gyro mirrored": (scaled(IMU, -1.0, *GYRO), "gyro-sign", "warning"),
+    "gyro beyond any range": (scaled(IMU, 1e4, *GYRO), "gyro-range", "warning"),
     "gyro scale": (scaled(IMU, 1.3, *GYRO), "gyro-scale", "warning"),
     "IMU 1.2 s late": (lambda r: moved(r, IMU, 1.2), "imu-lag", "warning"),
     "IMU 3 s early": (lambda r: moved(r, IMU, -3.0), "imu-lag", "error"),
@@ -440,6 +443,16 @@ def test_any_values_give_findings_that_machines_can_read(value: float) -> None:
     for finding in examine(recording):
         json.dumps(replace(finding).__class__.__slots__, allow_nan=False)
         assert finding.count is None or finding.count >= 0
+
+
+@pytest.mark.parametrize(
+    "steps", ["", "[", "[" * 100_000, "{}", "[3]", '[{"to_ns": 1}]', HUGE_STEP]
+)
+def test_steps_that_cannot_be_read_are_counted_all_the_same(steps: str, good: Recording) -> None:
+    noted = described("recording", clock_step_count="2", clock_steps=steps)(good)
+    (finding,) = [finding for finding in examine(noted) if finding.code == "clock-step"]
+    assert finding.count == 2
+    assert finding.text == "the clock that the log claims makes 2 steps"
 
 
 def test_short_recordings_give_no_findings_that_need_more() -> None:

@@ -3,7 +3,7 @@
 Every check is a pure function from a recording to findings, and says nothing where it cannot judge.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
@@ -15,57 +15,63 @@ from spoofbench.conversion import Source, convert, detect_format
 from spoofbench.doctor import (
     clocks,
     contents,
+    gyro_consistency,
     inertial,
-    magnetic,
+    motion,
     positions,
-    rates,
-    receivers,
-    turning,
-    velocities,
 )
-from spoofbench.doctor.clocks import MODIFIED
-from spoofbench.doctor.finding import SEVERITIES, Finding, Severity
+from spoofbench.doctor.findings import SEVERITIES, Check, Finding, Severity, as_rows, as_text
 from spoofbench.errors import ConversionError
 from spoofbench.recording import Recording
 from spoofbench.schema import split_topic
 
-__all__ = ["CHECKS", "SEVERITIES", "Finding", "Severity", "examine", "examine_file"]
+__all__ = [
+    "CHECKS",
+    "SEVERITIES",
+    "Check",
+    "Finding",
+    "Severity",
+    "as_rows",
+    "as_text",
+    "examine",
+    "examine_file",
+]
 
 _MAGIC = b"\x89MCAP0\r\n"
 
-CHECKS: Sequence[Callable[[Recording], list[Finding]]] = (
+CHECKS: Sequence[Check] = (
     contents.kinds,
     contents.fused,
     contents.losses,
     contents.zeros,
     contents.labels,
-    clocks.rollover,
+    clocks.rollovers,
     clocks.default_dates,
-    clocks.leaps,
-    clocks.zones,
-    clocks.steps_of_clock,
-    clocks.drift,
-    clocks.offsets,
+    clocks.leap_seconds,
+    clocks.time_zones,
+    clocks.clock_steps,
+    clocks.drifts,
+    clocks.clock_offsets,
     clocks.early_receipt,
-    rates.gaps,
-    rates.changes,
-    rates.repeated_epochs,
-    rates.slow_imu,
+    contents.gaps,
+    contents.rate_changes,
+    contents.repeated_epochs,
+    contents.slow_imu,
     positions.impossible,
     positions.held,
     positions.jumping,
     positions.heights,
-    positions.datums,
-    velocities.speeds,
-    velocities.frames,
-    velocities.courses,
+    positions.height_surfaces,
+    motion.speeds,
+    motion.velocity_frames,
+    motion.courses,
     inertial.gravity,
     inertial.ranges,
     inertial.frozen,
-    magnetic.fields,
-    turning.turning,
-    receivers.lags,
-    receivers.datums,
+    inertial.magnetic_fields,
+    gyro_consistency.turns,
+    positions.receiver_lags,
+    positions.receiver_heights,
 )
 
 
@@ -95,7 +101,7 @@ def examine_file(
         converted = Path(folder) / "log.mcap"
         convert(path, converted, format=log_format, options=options)
         recording = read(converted)
-        origin = {**recording.metadata["origin"], MODIFIED: str(path.stat().st_mtime_ns)}
+        origin = {**recording.metadata["origin"], clocks.MODIFIED: str(path.stat().st_mtime_ns)}
         return examine(recording.with_metadata({"origin": origin}))
 
 
