@@ -20,6 +20,7 @@ ORDER = [
     "navigation",
     "codec",
     "plugins",
+    "sandbox",
     "conversion",
     "attacks",
     "detector",

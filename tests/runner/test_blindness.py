@@ -9,7 +9,7 @@ import pytest
 from spoofbench.recording import Recording
 from spoofbench.results import read_outcome, read_tasks
 from spoofbench.runner import run
-from spoofbench.runner.material import Shelf, Store
+from spoofbench.runner.blind import BlindReader, BlindWriter
 from spoofbench.suite import AttackEntry, DetectorEntry, Limits, RecordingEntry, Suite
 from spoofbench.testing.recordings import drive, spoofed_drive
 
@@ -71,9 +71,9 @@ def test_a_missing_kind_does_not_tell_an_attack(make_suite: MakeSuite, tmp_path:
 
 def test_material_is_the_blind_part_alone(tmp_path: Path) -> None:
     base, variant = drive(1), spoofed_drive(1)
-    store = Store(tmp_path / "material", base)
-    store.put("00001", variant)
-    kept = Shelf(tmp_path / "material").get("00001")
+    writer = BlindWriter(tmp_path / "material", base)
+    writer.put("00001", variant)
+    kept = BlindReader(tmp_path / "material").get("00001")
     blind = variant.blind()
     assert dict(kept) == dict(blind)
     assert kept.metadata == blind.metadata
@@ -87,21 +87,21 @@ def test_tables_of_the_base_are_stored_and_loaded_once(tmp_path: Path) -> None:
     base = drive(1)
     topic = base.topics("gnss/pvt")[0]
     moved = base.replace({topic: base[topic].replace(lat_deg=base[topic]["lat_deg"] + 1.0)})
-    store = Store(tmp_path, base)
+    writer = BlindWriter(tmp_path, base)
     for name, recording in (("0", base), ("1", moved)):
-        store.put(name, recording)
+        writer.put(name, recording)
     assert len(list(tmp_path.iterdir())) == len(base.blind()) + 1 + 2
-    shelf = Shelf(tmp_path)
-    first, second = shelf.get("0"), shelf.get("1")
+    reader = BlindReader(tmp_path)
+    first, second = reader.get("0"), reader.get("1")
     assert first["/imu0/imu"] is second["/imu0/imu"]
     assert first[topic] != second[topic]
     assert second[topic] == moved[topic]
 
 
 def test_what_a_detector_gets_cannot_be_written(tmp_path: Path) -> None:
-    store = Store(tmp_path, drive(1))
-    store.put("0", drive(1))
-    kept: Recording = Shelf(tmp_path).get("0")
+    writer = BlindWriter(tmp_path, drive(1))
+    writer.put("0", drive(1))
+    kept: Recording = BlindReader(tmp_path).get("0")
     for table in kept.values():
         for values in (table.time_ns, *(table[name] for name in table)):
             with pytest.raises(ValueError, match=r"read-only|WRITEABLE"):

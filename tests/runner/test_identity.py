@@ -21,7 +21,7 @@ from spoofbench import plugins
 from spoofbench.plugins import Plugin
 from spoofbench.recording import Interval
 from spoofbench.runner import identity
-from spoofbench.runner.planning import Part, PlannedTask, Survey, plan
+from spoofbench.runner.plan import ConfiguredPlugin, PlannedTask, RecordingInfo, plan
 from spoofbench.suite import AttackEntry, DetectorEntry, Limits, RecordingEntry, Suite
 
 UNTIMED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -34,11 +34,13 @@ PARAMETERS = st.dictionaries(
 )
 
 
-def part(entry: AttackEntry | DetectorEntry, group: plugins.Group, code: str, version: str) -> Part:
+def configured(
+    entry: AttackEntry | DetectorEntry, group: plugins.Group, code: str, version: str
+) -> ConfiguredPlugin:
     plugin = Plugin(
         group, entry.plugin, "somebody", version, EntryPoint(entry.plugin, "module:Thing", group)
     )
-    return Part(entry, plugin, entry.parameters, entry.parameters, code)
+    return ConfiguredPlugin(entry, plugin, entry.parameters, entry.parameters, code)
 
 
 @st.composite
@@ -51,14 +53,14 @@ def inputs(draw: st.DrawFn) -> dict[str, Any]:
         "donor": draw(DIGESTS),
         "window": (start_ns, start_ns + draw(st.integers(1, 10**12))),
         "seed": draw(st.integers(0, 2**63 - 1)),
-        **{f"attack {what}": draw(strategy) for what, strategy in PART.items()},
-        **{f"detector {what}": draw(strategy) for what, strategy in PART.items()},
+        **{f"attack {what}": draw(strategy) for what, strategy in PLUGIN.items()},
+        **{f"detector {what}": draw(strategy) for what, strategy in PLUGIN.items()},
         "time_s": draw(st.floats(1.0, 100.0)),
         "memory_mb": draw(st.integers(256, 10_000)),
     }
 
 
-PART = {
+PLUGIN = {
     "id": LABELS,
     "plugin": LABELS,
     "parameters": PARAMETERS,
@@ -69,13 +71,13 @@ PART = {
 
 def planned(given: dict[str, Any]) -> tuple[PlannedTask, PlannedTask]:
     """The unattacked and the attacked task of these inputs."""
-    attack = part(
+    attack = configured(
         AttackEntry(given["attack id"], given["attack plugin"], given["attack parameters"]),
         plugins.ATTACKS,
         given["attack code"],
         given["attack version"],
     )
-    detector = part(
+    detector = configured(
         DetectorEntry(given["detector id"], given["detector plugin"], given["detector parameters"]),
         plugins.DETECTORS,
         given["detector code"],
@@ -89,14 +91,14 @@ def planned(given: dict[str, Any]) -> tuple[PlannedTask, PlannedTask]:
         "detectors": (detector.entry,),
     }
     suite = Suite("any", 1, (given["seed"],), 0.0, 1.0, 1.0, limits, **entries)
-    survey = Survey(
+    info = RecordingInfo(
         given["digest"],
         (given["donor"],),
         frozenset({"gnss/pvt"}),
         {given["seed"]: Interval(*given["window"])},
         {},
     )
-    clean, attacked = plan(suite, recording, survey, [attack], [detector])
+    clean, attacked = plan(suite, recording, info, [attack], [detector])
     return clean, attacked
 
 
@@ -142,7 +144,7 @@ def test_versions_of_what_computes_are_inputs(monkeypatch: pytest.MonkeyPatch) -
     given |= {
         f"{what} {name}": {} if name == "parameters" else "n"
         for what in ("attack", "detector")
-        for name in PART
+        for name in PLUGIN
     }
     before, known = planned(given), identity.versions()
     for name in known:
@@ -179,7 +181,7 @@ def test_a_plugin_of_the_core_has_the_core_s_code() -> None:
     assert identity.code_of(plugins.find(plugins.ATTACKS, "replay")) == identity.core()
 
 
-def test_the_problem_of_an_unreadable_recording_is_an_input() -> None:
+def test_why_a_recording_is_unreadable_is_an_input() -> None:
     suite = Suite(
         "any",
         1,
@@ -192,11 +194,11 @@ def test_the_problem_of_an_unreadable_recording_is_an_input() -> None:
         (),
         (DetectorEntry("d", "d"),),
     )
-    detector = part(suite.detectors[0], plugins.DETECTORS, "0", "1")
-    lost = Survey(None, problem=("failed", "lost"))
+    detector = configured(suite.detectors[0], plugins.DETECTORS, "0", "1")
+    lost = RecordingInfo(None, failure=("failed", "lost"))
     (one,) = plan(suite, suite.recordings[0], lost, [], [detector])
     (other,) = plan(
-        suite, suite.recordings[0], replace(lost, problem=("failed", "damaged")), [], [detector]
+        suite, suite.recordings[0], replace(lost, failure=("failed", "damaged")), [], [detector]
     )
     assert one.id != other.id
 
@@ -204,7 +206,7 @@ def test_the_problem_of_an_unreadable_recording_is_an_input() -> None:
 ROOT = Path(__file__).parents[2]
 SOURCES = [ROOT / "src", *sorted((ROOT / "plugins").glob("*/src"))]
 
-COMPUTES = ("spoofbench.runner.preparing", "spoofbench.runner.grouping", "spoofbench.scoring.grid")
+COMPUTES = ("spoofbench.runner.jobs", "spoofbench.scoring.grid")
 """What the workers of a run do; with the attacks and detectors, all that decides a task's files."""
 
 DECIDES_NOTHING = {
@@ -213,8 +215,7 @@ DECIDES_NOTHING = {
     "spoofbench.errors": "has names alone",
     "spoofbench.plugins": "finds plugins: their code and parameters are inputs",
     "spoofbench.runner": "asks the workers",
-    "spoofbench.runner.confine": "limits, which are inputs, and measures",
-    "spoofbench.runner.talk": "carries what was decided",
+    "spoofbench.sandbox": "limits, which are inputs, measures, and carries what was decided",
     "spoofbench.suite": "reads the suite: what it says is an input",
 }
 

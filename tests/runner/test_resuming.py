@@ -25,7 +25,7 @@ import pickle, signal, sys
 from pathlib import Path
 from spoofbench.errors import ResultsError
 from spoofbench.runner import run
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it from the start
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
 try:
     run(pickle.loads(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]), workers=2)
 except ResultsError as error:
@@ -156,9 +156,9 @@ def test_workers_that_never_answer_die_with_whoever_is_killed(
     _, complaint = process.communicate(timeout=PATIENCE_S)
     if victim == "server":
         assert process.returncode == 1
-        assert (
-            complaint.strip()
-            == "the server of the worker processes has ended; run again with --resume to do what is missing"
+        assert complaint.strip() == (
+            "the server of the worker processes has ended; run again with --resume to do what is "
+            "missing"
         )
     until(lambda: not any(alive(pid) for pid in family))
     until(lambda: not list((tmp_path / "temporary").iterdir()))

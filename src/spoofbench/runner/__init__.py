@@ -1,10 +1,11 @@
 """The runner: every recording of a suite, unattacked and under every attack, before every detector.
 
-The main process never runs a plugin's code and never holds a recording. A server that has imported
-everything heavy forks workers: one describes a plugin, one prepares a recording (and knows the
-truth), one runs a detector on a group of variants (and has nothing but blind material). Decisions
-come back through a pipe, and each task's outcome is a file named by the hash of all that decides
-it: a run that was killed goes on where it stood.
+:func:`run` tells the story. ``execution`` has each job done in a worker of a sandbox: describe a
+plugin, prepare a recording (it knows the truth), run a detector on a group of variants (it has
+nothing but blind material). ``jobs`` has what the workers do, as functions of plain specifications
+and folders. ``plan`` crosses recordings, attacks and detectors; ``identity`` names each task by the
+hash of all that decides it; ``store`` writes its outcome to a file of that name, so that a run that
+was killed goes on where it stood.
 """
 
 import os
@@ -14,20 +15,24 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import spoofbench
 from spoofbench import plugins
+from spoofbench.errors import ResultsError
 from spoofbench.results import write_run, write_tasks
 from spoofbench.runner import identity
-from spoofbench.runner.execution import Job, Preparation, describe
-from spoofbench.runner.ledger import Ledger, check_folder
-from spoofbench.runner.planning import Part
-from spoofbench.runner.workers import Server
+from spoofbench.runner.execution import RecordingRun, Run, describe, preload
+from spoofbench.runner.plan import ConfiguredPlugin
+from spoofbench.runner.store import ResultStore, check_folder
+from spoofbench.sandbox import Sandbox, SandboxLost
 from spoofbench.scoring.score import score_folder
-from spoofbench.suite import Suite
+from spoofbench.suite import AttackEntry, DetectorEntry, Suite
+
+_Asked = tuple[tuple[plugins.Group, Sequence[AttackEntry | DetectorEntry]], ...]
 
 
 def run(
@@ -54,7 +59,8 @@ def run(
         ResultsError: the folder has results of another run, or the server of the workers was
             killed.
     """
-    for group, entries in ((plugins.ATTACKS, suite.attacks), (plugins.DETECTORS, suite.detectors)):
+    asked: _Asked = ((plugins.ATTACKS, suite.attacks), (plugins.DETECTORS, suite.detectors))
+    for group, entries in asked:
         for entry in entries:
             plugins.find(group, entry.plugin)
     check_folder(folder, suite.name, resume=resume)
@@ -62,53 +68,56 @@ def run(
     total = len(suite.detectors) * sum(
         1 + len(suite.seeds) * len(suite.attacks_on(entry.id)) for entry in suite.recordings
     )
-    with ThreadPoolExecutor(width) as pool, Server() as server:
-        attacks = list(
-            pool.map(lambda entry: describe(server, suite, plugins.ATTACKS, entry), suite.attacks)
-        )
-        detectors = list(
-            pool.map(
-                lambda entry: describe(server, suite, plugins.DETECTORS, entry), suite.detectors
+    try:
+        with ThreadPoolExecutor(width) as pool, Sandbox(preload) as sandbox:
+            attacks, detectors = (
+                list(pool.map(partial(describe, sandbox, suite, group), entries))
+                for group, entries in asked
             )
-        )
-        ledger = Ledger(folder, suite.name, total, retry_failed=retry_failed, progress=progress)
-        preparations = [Preparation(server, suite, entry, ledger) for entry in suite.recordings]
-        _execute(pool, preparations, width, attacks, detectors)
-    tasks = [task for preparation in preparations for task in preparation.tasks]
-    ledger.sweep(tasks)
+            store = ResultStore(
+                folder, suite.name, total, retry_failed=retry_failed, progress=progress
+            )
+            recordings = [RecordingRun(sandbox, suite, entry, store) for entry in suite.recordings]
+            _execute(pool, recordings, width, attacks, detectors)
+    except SandboxLost as error:
+        raise ResultsError(f"{error}; run again with --resume to do what is missing") from error
+    tasks = [task for recording in recordings for task in recording.tasks]
+    store.sweep(tasks)
     write_tasks(
-        folder, [task.row(suite.target_far_per_hour, *ledger.found[task.id]) for task in tasks]
+        folder, [task.row(suite.target_far_per_hour, *store.found[task.id]) for task in tasks]
     )
-    ledger.write_costs(task.id for task in tasks)
-    inputs = {preparation.recording.id: preparation.survey.digest for preparation in preparations}
+    store.write_costs(task.id for task in tasks)
+    inputs = {recording.recording.id: recording.info.digest for recording in recordings}
     write_run(folder, _about(suite, inputs, [*attacks, *detectors]))
     score_folder(folder)
 
 
 def _execute(
     pool: ThreadPoolExecutor,
-    preparations: Sequence[Preparation],
+    recordings: Sequence[RecordingRun],
     width: int,
-    attacks: Sequence[Part],
-    detectors: Sequence[Part],
+    attacks: Sequence[ConfiguredPlugin],
+    detectors: Sequence[ConfiguredPlugin],
 ) -> None:
-    """Prepare recordings and run their groups, as many at a time as there are workers; material
-    goes with its last group.
+    """Prepare recordings and run detectors on them, as many at a time as there are workers;
+    material goes with the last run on it.
     """
-    waiting, futures = deque(preparations), dict[Future[list[Job]], Preparation]()
+    waiting, futures = deque(recordings), dict[Future[list[Run]], RecordingRun]()
     while waiting or futures:
         while waiting and len(set(futures.values())) < width:
-            preparation = waiting.popleft()
-            futures[pool.submit(preparation.run, attacks, detectors)] = preparation
+            recording = waiting.popleft()
+            futures[pool.submit(recording.prepare, attacks, detectors)] = recording
         done, _ = wait(futures, return_when=FIRST_COMPLETED)
         for future in done:
-            preparation = futures.pop(future)
-            futures |= {pool.submit(job): preparation for job in future.result()}
-            if Counter(futures.values())[preparation] == 0:
-                shutil.rmtree(preparation.material, ignore_errors=True)
+            recording = futures.pop(future)
+            futures |= {pool.submit(run): recording for run in future.result()}
+            if Counter(futures.values())[recording] == 0:
+                shutil.rmtree(recording.material, ignore_errors=True)
 
 
-def _about(suite: Suite, inputs: dict[str, str | None], parts: Sequence[Part]) -> dict[str, Any]:
+def _about(
+    suite: Suite, inputs: dict[str, str | None], used: Sequence[ConfiguredPlugin]
+) -> dict[str, Any]:
     """What ``run.json`` says: nothing that differs between equal runs on one machine."""
     entries = asdict(suite)
     for entry in entries["recordings"]:
@@ -122,7 +131,7 @@ def _about(suite: Suite, inputs: dict[str, str | None], parts: Sequence[Part]) -
             "python": platform.python_version(),
             **{name: version(name) for name in ("numpy", "scipy", "pyarrow", "pandas")},
         },
-        "plugins": {f"{part.plugin}": part.code for part in parts},
+        "plugins": {str(entry.plugin): entry.code for entry in used},
         "machine": {"platform": platform.platform(), "processors": os.cpu_count()},
         "thresholds": "published",
     }

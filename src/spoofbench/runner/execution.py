@@ -1,20 +1,35 @@
-"""What the main process has its workers do: describe plugins, prepare a recording, run groups of
-tasks.
+"""How the main process runs jobs in workers of a sandbox, and what becomes of those that fail.
+
+Each function that runs in a worker stands before the one that hears it. The main process never runs
+a plugin's code, never holds a recording, and checks anew what a detector's worker sends.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from spoofbench import plugins
+from spoofbench.detector import Decisions
 from spoofbench.errors import PluginError, SuiteError
 from spoofbench.recording import Interval
 from spoofbench.results import Outcome, Status
-from spoofbench.runner import identity
-from spoofbench.runner.ledger import Cost, Ledger
-from spoofbench.runner.planning import Part, PlannedTask, Problem, Survey, Variant, lacking, plan
-from spoofbench.runner.workers import Died, Server, TimedOut, Worker
+from spoofbench.runner import identity, jobs
+from spoofbench.runner.jobs import DescriptionJob, DetectorJob, RecordingJob, VariantJob
+from spoofbench.runner.plan import (
+    ConfiguredPlugin,
+    Failure,
+    PlannedTask,
+    RecordingInfo,
+    Variant,
+    lacking,
+    plan,
+)
+from spoofbench.runner.store import Cost, ResultStore
+from spoofbench.sandbox import Sandbox, Worker, WorkerChannel, WorkerDied, WorkerTimedOut
 from spoofbench.suite import RATE_PARAMETER, AttackEntry, DetectorEntry, RecordingEntry, Suite
 
 _PREPARING = 10.0
@@ -22,13 +37,30 @@ _PREPARING = 10.0
 a detector's fault.
 """
 
-Job = Callable[[], "list[Job]"]
-"""Work for one thread, which may return further jobs."""
+_DECISION_BYTES = 17
+
+Run = Callable[[], "list[Run]"]
+"""Work for one thread, which may return further work."""
+
+
+def preload() -> None:
+    """Import what workers need: each would take a second for it."""
+    import pandas  # noqa: F401 - pyarrow imports it in silence
+    import pyarrow.parquet  # noqa: F401
+    import scipy.linalg
+    import scipy.signal
+    import scipy.stats  # noqa: F401
+
+    plugins.found(plugins.DETECTORS)
+
+
+def _describe(channel: WorkerChannel, job: DescriptionJob) -> None:
+    channel.send(**jobs.describe_plugin(job))
 
 
 def describe(
-    server: Server, suite: Suite, group: plugins.Group, entry: AttackEntry | DetectorEntry
-) -> Part:
+    sandbox: Sandbox, suite: Suite, group: plugins.Group, entry: AttackEntry | DetectorEntry
+) -> ConfiguredPlugin:
     """Load a plugin in a worker and return what it says of itself.
 
     Raises:
@@ -38,118 +70,116 @@ def describe(
     plugin, given = plugins.find(group, entry.plugin), dict(entry.parameters)
     code = identity.code_of(plugin)
     target = suite.target_far_per_hour if group == plugins.DETECTORS else None
-    with server.fork() as worker:
-        worker.say(
-            work="describe", group=group, name=entry.plugin, parameters=given, rate_per_hour=target
-        )
+    with sandbox.start(_describe, DescriptionJob(group, entry.plugin, given, target)) as worker:
         try:
-            about = worker.hear(suite.limits.time_s)
-        except (Died, TimedOut) as error:
+            about = worker.receive(suite.limits.time_s)
+        except (WorkerDied, WorkerTimedOut) as error:
             about = {"status": "failed", "reason": f"loading the plugin: {error}"}
     if about["status"] == "refused":
         raise SuiteError(f"suite {suite.name!r}, {entry.id!r}: {about['reason']}")
     if about["status"] != "ok":
-        return Part(entry, plugin, given, given, code, problem=("failed", about["reason"]))
+        failure: Failure = ("failed", about["reason"])
+        return ConfiguredPlugin(entry, plugin, given, given, code, failure=failure)
     if target is not None and RATE_PARAMETER in about["parameters"]:
         given.setdefault(RATE_PARAMETER, target)
     kinds = {name: tuple(about.get(name, ())) for name in ("requires", "uses", "models")}
-    return Part(
-        entry,
-        plugin,
-        given,
-        about["parameters"],
-        code,
-        memory_s=about.get("memory_s", 0.0),
-        **kinds,
+    memory_s = about.get("memory_s", 0.0)
+    return ConfiguredPlugin(
+        entry, plugin, given, about["parameters"], code, memory_s=memory_s, **kinds
     )
 
 
-class Preparation:
-    """Prepares one recording; then :attr:`tasks` is its plan and :attr:`survey` what was read."""
+def _prepare(channel: WorkerChannel, job: RecordingJob, results: Path, material: Path) -> None:
+    for record in jobs.survey_recording(job):
+        channel.send(**record)
+    variants = [VariantJob(**variant) for variant in channel.receive()["variants"]]
+    for record in jobs.make_variants(job, variants, results, material):
+        channel.send(**record)
+
+
+class RecordingRun:
+    """One recording of a run; when it is prepared, :attr:`tasks` is its plan and :attr:`info` what
+    was read.
+    """
 
     def __init__(
-        self, server: Server, suite: Suite, recording: RecordingEntry, ledger: Ledger
+        self, sandbox: Sandbox, suite: Suite, recording: RecordingEntry, store: ResultStore
     ) -> None:
-        self.server, self.suite, self.recording, self.ledger = server, suite, recording, ledger
-        self.material = server.folder / str(suite.recordings.index(recording))
-        self.survey = Survey(None)
+        self.sandbox, self.suite, self.recording, self.store = sandbox, suite, recording, store
+        self.material = sandbox.folder / str(suite.recordings.index(recording))
+        self.info = RecordingInfo(None)
         self.tasks: list[PlannedTask] = []
 
-    def run(self, attacks: Sequence[Part], detectors: Sequence[Part]) -> list[Job]:
-        """Prepare what missing tasks need; settle those that cannot run; return the groups of the
-        others.
+    def prepare(
+        self, attacks: Sequence[ConfiguredPlugin], detectors: Sequence[ConfiguredPlugin]
+    ) -> list[Run]:
+        """Plan the tasks, make the variants that missing ones need, and write the outcome of those
+        that cannot run; return what runs the others: one detector on all its variants.
         """
         on_this = self.suite.attacks_on(self.recording.id)
         attacks = [attack for attack in attacks if attack.entry in on_this]
-        worker, self.survey = self._surveyed(attacks)
+        worker, self.info = self._survey(attacks)
         with worker:
-            self.tasks = plan(self.suite, self.recording, self.survey, attacks, detectors)
-            missing = self.ledger.missing(self.tasks)
-            wanted = {task.variant.id: task.variant for task in missing if not task.variant.problem}
+            self.tasks = plan(self.suite, self.recording, self.info, attacks, detectors)
+            missing = self.store.missing(self.tasks)
+            wanted = {task.variant.id: task.variant for task in missing if not task.variant.failure}
             made = self._make(worker, list(wanted.values()))
-        while len(made) < len(wanted):
-            left = [variant for variant in wanted.values() if variant.id not in made]
-            worker, again = self._surveyed(
-                [attack for attack in attacks if attack.entry.id not in self.survey.unfit]
-            )
+        while left := [variant for name, variant in wanted.items() if name not in made]:
+            worker, again = self._survey(attacks)
             with worker:
                 made |= (
-                    {variant.id: again.problem for variant in left}
-                    if again.problem
+                    {variant.id: again.failure for variant in left}
+                    if again.failure
                     else self._make(worker, left)
                 )
-        return self._groups(self._settle(missing, made), detectors)
+        runnable = self._settle(missing, made)
+        runs: list[Run] = []
+        for detector in detectors:
+            own = [task for task in runnable if task.detector is detector]
+            own.sort(key=lambda task: task.variant.number)
+            if own:
+                run = DetectorRun(self.sandbox, self.suite, detector, self.material, self.store)
+                runs.append(partial(run.run, own))
+        return runs
 
-    def _surveyed(self, attacks: Sequence[Part]) -> tuple[Worker, Survey]:
+    def _survey(self, attacks: Sequence[ConfiguredPlugin]) -> tuple[Worker, RecordingInfo]:
         """Return a worker that has read the recording, and what it found; attacks that a worker
         does not survive are unfit.
         """
-        fatal: dict[str, Problem] = {}
+        fatal: dict[str, Failure] = {}
         while True:
-            worker = self.server.fork()
-            asked: list[str] = []
+            usable = [a for a in attacks if not a.failure and a.entry.id not in fatal]
+            job, results = self._job(usable), self.store.folder.absolute()
+            worker = self.sandbox.start(_prepare, job, results, self.material)
+            asked = None
             try:
-                read = self._survey(
-                    worker,
-                    [
-                        attack
-                        for attack in attacks
-                        if not attack.problem and attack.entry.id not in fatal
-                    ],
-                    asked,
-                )
-            except (Died, TimedOut) as error:
+                while (read := self._next(worker))["status"] == "asking":
+                    asked = read["attack"]
+            except (WorkerDied, WorkerTimedOut) as error:
                 worker.end()
-                if not asked:
-                    return worker, Survey(
-                        None, problem=("failed", f"reading the recording: {error}")
-                    )
-                fatal[asked[-1]] = ("failed", f"asking what the attack can supply: {error}")
+                if asked is None:
+                    failure: Failure = ("failed", f"reading the recording: {error}")
+                    return worker, RecordingInfo(None, failure=failure)
+                fatal[asked] = ("failed", f"asking what the attack can supply: {error}")
                 continue
             if read["status"] != "ok":
-                return worker, Survey(None, problem=("failed", read["reason"]))
+                return worker, RecordingInfo(None, failure=("failed", read["reason"]))
             windows = {
                 int(seed): window and Interval(*window) for seed, window in read["windows"].items()
             }
-            unfit: dict[str, Problem] = {
+            unfit: dict[str, Failure] = {
                 name: (status, reason) for name, (status, reason) in read["unfit"].items()
             }
-            return worker, Survey(
-                read["digest"],
-                tuple(read["donors"]),
-                frozenset(read["kinds"]),
-                windows,
-                fatal | unfit,
-            )
+            donors, kinds = tuple(read["donors"]), frozenset(read["kinds"])
+            return worker, RecordingInfo(read["digest"], donors, kinds, windows, fatal | unfit)
 
-    def _survey(self, worker: Worker, attacks: Sequence[Part], asked: list[str]) -> dict[str, Any]:
-        """Return the worker's survey; ``asked`` gets the attacks whose code has run."""
+    def _job(self, attacks: Sequence[ConfiguredPlugin]) -> RecordingJob:
         paths = {entry.id: str(entry.path.absolute()) for entry in self.suite.recordings}
-        order = {
-            "path": paths[self.recording.id],
-            "donors": [paths[donor] for donor in self.recording.donors],
-            "recording": self.recording.id,
-            "attacks": [
+        return RecordingJob(
+            recording=self.recording.id,
+            path=paths[self.recording.id],
+            donors=[paths[donor] for donor in self.recording.donors],
+            attacks=[
                 {
                     "id": attack.entry.id,
                     "plugin": attack.plugin.name,
@@ -157,37 +187,30 @@ class Preparation:
                 }
                 for attack in attacks
             ],
-            "seeds": list(self.suite.seeds),
-            "suite_seed": self.suite.seed,
-            "warm_up_s": self.suite.warm_up_s,
-            "duration_s": self.suite.duration_s,
-        }
-        memory_mb = self.suite.limits.memory_mb
-        worker.say(
-            work="prepare",
-            order=order,
-            results=str(self.ledger.folder.absolute()),
-            material=str(self.material),
-            memory_mb=memory_mb,
+            seeds=self.suite.seeds,
+            suite_seed=self.suite.seed,
+            warm_up_s=self.suite.warm_up_s,
+            duration_s=self.suite.duration_s,
+            memory_mb=self.suite.limits.memory_mb,
         )
-        while (read := worker.hear(_PREPARING * self.suite.limits.time_s))["status"] == "asking":
-            asked.append(read["attack"])
-        return read
+
+    def _next(self, worker: Worker) -> dict[str, Any]:
+        return worker.receive(_PREPARING * self.suite.limits.time_s)
 
     def _make(
         self, worker: Worker, variants: Sequence[Variant]
-    ) -> dict[str, frozenset[str] | Problem]:
+    ) -> dict[str, frozenset[str] | Failure]:
         """Have variants made; return the kinds of each, or why there is none, up to one that the
         worker did not survive.
         """
-        made: dict[str, frozenset[str] | Problem] = {}
+        made: dict[str, frozenset[str] | Failure] = {}
         if not variants:
             return made
-        worker.say(variants=[_wanted(variant) for variant in variants])
+        worker.send(variants=[asdict(_variant_job(variant)) for variant in variants])
         for variant in variants:
             try:
-                record = worker.hear(_PREPARING * self.suite.limits.time_s)
-            except (Died, TimedOut) as error:
+                record = self._next(worker)
+            except (WorkerDied, WorkerTimedOut) as error:
                 made[variant.id] = ("failed", f"making the variant: {error}")
                 break
             made[variant.id] = (
@@ -200,128 +223,132 @@ class Preparation:
         return made
 
     def _settle(
-        self, missing: Iterable[PlannedTask], made: dict[str, frozenset[str] | Problem]
+        self, missing: Iterable[PlannedTask], made: dict[str, frozenset[str] | Failure]
     ) -> list[PlannedTask]:
         """Write the outcome of tasks that cannot run; return the others."""
         runnable = []
         for task in missing:
-            problem = task.variant.problem or task.detector.problem
-            kinds = frozenset() if problem else made[task.variant.id]
-            if problem is None:
-                problem = (
-                    lacking(task.detector, self.survey, kinds)
+            failure = task.variant.failure or task.detector.failure
+            kinds = frozenset() if failure else made[task.variant.id]
+            if failure is None:
+                failure = (
+                    lacking(task.detector, self.info, kinds)
                     if isinstance(kinds, frozenset)
                     else kinds
                 )
-            if problem is None:
+            if failure is None:
                 runnable.append(task)
             else:
-                self.ledger.done(task, Outcome(*problem, None))
+                self.store.done(task, Outcome(*failure, None))
         return runnable
 
-    def _groups(self, tasks: Sequence[PlannedTask], detectors: Sequence[Part]) -> list[Job]:
-        jobs: list[Job] = []
-        for detector in detectors:
-            group = sorted(
-                (task for task in tasks if task.detector is detector),
-                key=lambda task: task.variant.number,
-            )
-            if group:
-                jobs.append(
-                    partial(
-                        Group(self.server, self.suite, detector, self.material, self.ledger).run,
-                        group,
-                    )
-                )
-        return jobs
 
-
-def _wanted(variant: Variant) -> dict[str, Any]:
+def _variant_job(variant: Variant) -> VariantJob:
     attack, window = variant.attack, variant.window
-    return {
-        "id": variant.id,
-        "number": variant.number,
-        "attack": attack.entry.id if attack else None,
-        "plugin": attack.plugin.name if attack else None,
-        "window": [window.start_ns, window.end_ns] if window else None,
-        "seed": variant.seed,
-    }
+    if attack is None:
+        return VariantJob(variant.id, variant.number)
+    within = (window.start_ns, window.end_ns) if window else ()
+    return VariantJob(
+        variant.id, variant.number, attack.entry.id, attack.plugin.name, within, variant.seed or 0
+    )
 
 
-class Group:
+def _detect(channel: WorkerChannel, job: DetectorJob, material: Path) -> None:
+    for record, decisions in jobs.run_detector(job, material):
+        if decisions is None:
+            channel.send(**record)
+        else:
+            channel.send(**record, rows=decisions.time_ns.size)
+            arrays = (decisions.time_ns, decisions.score, decisions.available)
+            channel.send_bytes(b"".join(array.tobytes() for array in arrays))
+
+
+class DetectorRun:
     """One detector on variants of one recording."""
 
     def __init__(
-        self, server: Server, suite: Suite, detector: Part, material: Path, ledger: Ledger
+        self,
+        sandbox: Sandbox,
+        suite: Suite,
+        detector: ConfiguredPlugin,
+        material: Path,
+        store: ResultStore,
     ) -> None:
-        self.server, self.limits, self.detector, self.material, self.ledger = (
-            server,
-            suite.limits,
-            detector,
-            material,
-            ledger,
-        )
+        self.sandbox, self.limits, self.detector = sandbox, suite.limits, detector
+        self.material, self.store = material, store
 
-    def run(self, tasks: Sequence[PlannedTask]) -> list[Job]:
-        """Run tasks in one process; return jobs that run those again that had no result when it
-        failed, each in a process of its own.
+    def run(self, tasks: Sequence[PlannedTask]) -> list[Run]:
+        """Run tasks in one worker; return what runs those again that had no result when it failed,
+        each in a worker of its own.
         """
         left = self._attempt(tasks, alone=False)
-        self.ledger.write_costs()
+        self.store.write_costs()
         return [partial(self._run_alone, task) for task in left]
 
-    def _run_alone(self, task: PlannedTask) -> list[Job]:
+    def _run_alone(self, task: PlannedTask) -> list[Run]:
         self._attempt([task], alone=True)
-        self.ledger.write_costs()
+        self.store.write_costs()
         return []
 
     def _attempt(self, tasks: Sequence[PlannedTask], *, alone: bool) -> list[PlannedTask]:
         """Return the tasks without result; a task that is alone always gets one."""
         left = list(tasks)
-        failure: Status = "failed"
-        with self.server.fork() as worker:
-            worker.say(
-                work="detect",
-                name=self.detector.plugin.name,
-                parameters=dict(self.detector.given),
-                material=str(self.material),
-                variants=[task.variant.number for task in tasks],
-                withheld=sorted(tasks[0].withheld),
-                memory_mb=self.limits.memory_mb,
-            )
+        status: Status = "failed"
+        job = DetectorJob(
+            plugin=self.detector.plugin.name,
+            parameters=dict(self.detector.given),
+            variants=[task.variant.number for task in tasks],
+            withheld=sorted(tasks[0].withheld),
+            memory_mb=self.limits.memory_mb,
+        )
+        with self.sandbox.start(_detect, job, self.material) as worker:
             try:
-                loaded = worker.hear(self.limits.time_s)
+                loaded = worker.receive(self.limits.time_s)
                 if loaded.get("status") != "ok":
-                    raise Died(str(loaded.get("reason")))
+                    raise WorkerDied(str(loaded.get("reason")))
                 while left:
                     outcome, cost = self._next(worker, left[0])
                     if outcome.status == "out_of_memory" and not alone:
                         return left  # tasks before it may have left something behind
-                    self.ledger.done(left.pop(0), outcome, cost)
+                    self.store.done(left.pop(0), outcome, cost)
                 return []
-            except TimedOut as error:
-                failure, reason = "timeout", str(error)
-            except Died as error:
+            except WorkerTimedOut as error:
+                status, reason = "timeout", str(error)
+            except WorkerDied as error:
                 reason = str(error)
         if alone:
-            self.ledger.done(left.pop(0), Outcome(failure, reason, None))
+            self.store.done(left.pop(0), Outcome(status, reason, None))
         return left
 
     def _next(self, worker: Worker, task: PlannedTask) -> tuple[Outcome, Cost]:
-        record = worker.hear(self.limits.time_s)
+        record = worker.receive(self.limits.time_s)
         status, reason = record.get("status"), record.get("reason")
         if record.get("variant") != task.variant.number or status not in (
             "ok",
             "failed",
             "out_of_memory",
         ):
-            raise Died("it disturbed the connection of its process")
+            raise WorkerDied("it disturbed the connection of its process")
         cost = Cost(record.get("seconds"), record.get("growth_mb"))
         if status != "ok":
             return Outcome(status, str(reason), None), cost
         try:
-            return Outcome(
-                "ok", None, worker.hear_decisions(record.get("rows"), self.limits.time_s)
-            ), cost
+            decisions = _decisions(worker, record.get("rows"), self.limits.time_s)
         except PluginError as error:
             return Outcome("failed", f"PluginError: {error}", None), cost
+        return Outcome("ok", None, decisions), cost
+
+
+def _decisions(worker: Worker, rows: Any, within_s: float) -> Decisions:
+    """Return decisions of a worker, checked anew.
+
+    Raises:
+        PluginError: they are no decisions.
+        WorkerDied, WorkerTimedOut, SandboxLost: as :meth:`Worker.receive`.
+    """
+    if not isinstance(rows, int) or rows < 0:
+        raise WorkerDied("it disturbed the connection of its process")
+    data = worker.receive_bytes(rows * _DECISION_BYTES, within_s)
+    time_ns = np.frombuffer(data, np.int64, rows)
+    score = np.frombuffer(data, np.float64, rows, 8 * rows)
+    return Decisions(time_ns, score, np.frombuffer(data, np.uint8, rows, 16 * rows) != 0)

@@ -15,7 +15,7 @@ from spoofbench.recording import Recording
 from spoofbench.table import Table
 
 
-class Store:
+class BlindWriter:
     """Writes the blind part of variants into a folder; tables of the base are stored once for
     all.
     """
@@ -49,7 +49,7 @@ class Store:
             pickle.dump(table, stream, protocol=5)
 
 
-class Shelf:
+class BlindReader:
     """Reads variants from a folder; tables of the base are the same objects in all of them."""
 
     def __init__(self, folder: Path) -> None:

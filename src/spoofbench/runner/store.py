@@ -24,7 +24,7 @@ from spoofbench.results import (
     write_parquet,
     write_run,
 )
-from spoofbench.runner.planning import PlannedTask
+from spoofbench.runner.plan import PlannedTask
 
 _COST_SCHEMA = pa.schema(
     [("task_id", pa.string()), ("seconds", pa.float64()), ("memory_mb", pa.float64())]
@@ -76,7 +76,7 @@ def check_folder(folder: Path, name: str, *, resume: bool) -> None:
         )
 
 
-class Ledger:
+class ResultStore:
     """Writes outcomes as they come, from any thread."""
 
     def __init__(

@@ -11,12 +11,12 @@ from spoofbench.runner import identity
 from spoofbench.schema import KINDS
 from spoofbench.suite import AttackEntry, DetectorEntry, RecordingEntry, Suite
 
-Problem = tuple[Status, str]
+Failure = tuple[Status, str]
 """Why there is nothing to be had: status and reason."""
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class ConfiguredPlugin:
     """An attack or detector of the suite, with what its plugin says of itself.
 
     Attributes:
@@ -25,7 +25,7 @@ class Part:
         code: digest of its code.
         requires, uses, memory_s: a detector's contract.
         models: kinds whose change an attack models.
-        problem: set where the plugin cannot be loaded.
+        failure: set where the plugin cannot be loaded.
     """
 
     entry: AttackEntry | DetectorEntry
@@ -37,7 +37,7 @@ class Part:
     uses: tuple[str, ...] = ()
     memory_s: float = 0.0
     models: tuple[str, ...] = ()
-    problem: Problem | None = None
+    failure: Failure | None = None
 
     @property
     def inputs(self) -> dict[str, Any]:
@@ -53,11 +53,11 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Survey:
+class RecordingInfo:
     """What reading a recording tells.
 
     Attributes:
-        digest: of the decoded rows; None where it could not be read, and then ``problem`` says why.
+        digest: of the decoded rows; None where it could not be read, and then ``failure`` says why.
         donors: digests of the donors.
         kinds: what a detector can see.
         windows: by seed; None where the recording has no room for an attack.
@@ -68,8 +68,8 @@ class Survey:
     donors: tuple[str, ...] = ()
     kinds: frozenset[str] = frozenset()
     windows: Mapping[int, Interval | None] = field(default_factory=dict)
-    unfit: Mapping[str, Problem] = field(default_factory=dict)
-    problem: Problem | None = None
+    unfit: Mapping[str, Failure] = field(default_factory=dict)
+    failure: Failure | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +81,10 @@ class Variant:
     id: str
     number: str
     recording: RecordingEntry
-    attack: Part | None
+    attack: ConfiguredPlugin | None
     window: Interval | None
     seed: int | None
-    problem: Problem | None
+    failure: Failure | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ class PlannedTask:
 
     id: str
     variant: Variant
-    detector: Part
+    detector: ConfiguredPlugin
     withheld: frozenset[str] = frozenset()
 
     def row(self, target_far_per_hour: float, status: Status, reason: str | None) -> Task:
@@ -127,18 +127,18 @@ class PlannedTask:
 def plan(
     suite: Suite,
     recording: RecordingEntry,
-    survey: Survey,
-    attacks: Sequence[Part],
-    detectors: Sequence[Part],
+    info: RecordingInfo,
+    attacks: Sequence[ConfiguredPlugin],
+    detectors: Sequence[ConfiguredPlugin],
 ) -> list[PlannedTask]:
     """Return the tasks of a recording: unattacked, then attacks x seeds; each before every
     detector.
     """
-    attempts: list[tuple[Part | None, int | None]] = [
+    attempts: list[tuple[ConfiguredPlugin | None, int | None]] = [
         (None, None),
         *((attack, seed) for attack in attacks for seed in suite.seeds),
     ]
-    ids = [_variant_id(recording, survey, attack, seed) for attack, seed in attempts]
+    ids = [_variant_id(recording, info, attack, seed) for attack, seed in attempts]
     numbers = {name: f"{number:05d}" for number, name in enumerate(sorted(ids))}
     tasks = []
     for name, (attack, seed) in zip(ids, attempts, strict=True):
@@ -147,12 +147,12 @@ def plan(
             numbers[name],
             recording,
             attack,
-            _window(survey, attack, seed),
+            _window(info, attack, seed),
             seed,
-            _problem(survey, attack),
+            _failure(info, attack),
         )
         for detector in detectors:
-            withheld = _withheld(detector, survey, attacks)
+            withheld = _withheld(detector, info, attacks)
             tasks.append(
                 PlannedTask(
                     _task_id(suite, variant, detector, withheld), variant, detector, withheld
@@ -161,7 +161,9 @@ def plan(
     return tasks
 
 
-def _withheld(detector: Part, survey: Survey, attacks: Sequence[Part]) -> frozenset[str]:
+def _withheld(
+    detector: ConfiguredPlugin, info: RecordingInfo, attacks: Sequence[ConfiguredPlugin]
+) -> frozenset[str]:
     """The kinds that a detector could use and that not every variant of the recording keeps.
 
     False alerts and detections are then those of the same detector, and a kind that is missing
@@ -170,9 +172,9 @@ def _withheld(detector: Part, survey: Survey, attacks: Sequence[Part]) -> frozen
     kept = [
         set(attack.models)
         for attack in attacks
-        if not attack.problem and attack.entry.id not in survey.unfit
+        if not attack.failure and attack.entry.id not in info.unfit
     ]
-    optional = (set(detector.uses) - set(detector.requires)) & survey.kinds
+    optional = (set(detector.uses) - set(detector.requires)) & info.kinds
     return frozenset(
         kind
         for kind in optional
@@ -180,11 +182,13 @@ def _withheld(detector: Part, survey: Survey, attacks: Sequence[Part]) -> frozen
     )
 
 
-def lacking(detector: Part, survey: Survey, kinds: frozenset[str]) -> Problem | None:
+def lacking(
+    detector: ConfiguredPlugin, info: RecordingInfo, kinds: frozenset[str]
+) -> Failure | None:
     """Return why a detector cannot run on a variant with these kinds, None where it can."""
     missing = [kind for kind in detector.requires if kind not in kinds]
     for kind in missing:
-        if kind not in survey.kinds:
+        if kind not in info.kinds:
             return "skipped", f"the recording has no {kind!r}, which the detector requires"
     for kind in missing:
         if KINDS[kind].is_gnss_derived:
@@ -196,34 +200,41 @@ def lacking(detector: Part, survey: Survey, kinds: frozenset[str]) -> Problem | 
 
 
 def _variant_id(
-    recording: RecordingEntry, survey: Survey, attack: Part | None, seed: int | None
+    recording: RecordingEntry,
+    info: RecordingInfo,
+    attack: ConfiguredPlugin | None,
+    seed: int | None,
 ) -> str:
-    window = _window(survey, attack, seed)
+    window = _window(info, attack, seed)
     return identity.identify(
         versions=identity.versions(),
         recording=recording.id,
-        digest=survey.digest,
-        donors=survey.donors if attack else None,
+        digest=info.digest,
+        donors=info.donors if attack else None,
         attack=attack.inputs if attack else None,
         window=[window.start_ns, window.end_ns] if window else None,
         seed=seed,
-        problem=survey.problem,
+        failure=info.failure,
     )
 
 
-def _task_id(suite: Suite, variant: Variant, detector: Part, withheld: frozenset[str]) -> str:
+def _task_id(
+    suite: Suite, variant: Variant, detector: ConfiguredPlugin, withheld: frozenset[str]
+) -> str:
     limits = {"time_s": suite.limits.time_s, "memory_mb": suite.limits.memory_mb}
     inputs = {"detector": detector.inputs, "withheld": sorted(withheld), "limits": limits}
     return identity.identify(versions=identity.versions(), variant=variant.id, **inputs)
 
 
-def _window(survey: Survey, attack: Part | None, seed: int | None) -> Interval | None:
-    if attack is None or seed is None or attack.entry.id in survey.unfit:
+def _window(
+    info: RecordingInfo, attack: ConfiguredPlugin | None, seed: int | None
+) -> Interval | None:
+    if attack is None or seed is None or attack.entry.id in info.unfit:
         return None
-    return survey.windows.get(seed)
+    return info.windows.get(seed)
 
 
-def _problem(survey: Survey, attack: Part | None) -> Problem | None:
-    if survey.problem or attack is None:
-        return survey.problem
-    return attack.problem or survey.unfit.get(attack.entry.id)
+def _failure(info: RecordingInfo, attack: ConfiguredPlugin | None) -> Failure | None:
+    if info.failure or attack is None:
+        return info.failure
+    return attack.failure or info.unfit.get(attack.entry.id)

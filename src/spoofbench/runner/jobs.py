@@ -1,0 +1,313 @@
+"""What the processes of a run do: describe a plugin, prepare a recording, run a detector.
+
+A job is a function of a plain specification, which goes through JSON and back, and of folders; it
+yields plain records. :mod:`spoofbench.runner.execution` runs each in a worker of a sandbox; a
+cluster can run them as they are::
+
+    DescriptionJob   -> describe_plugin  -> what a plugin says of itself
+    RecordingJob     -> survey_recording -> what is in a recording, and where attacks may lie
+                     -> make_variants    -> truth files in the results, blind material in a folder
+    DetectorJob      -> run_detector     -> decisions on blind material, and what they cost
+
+Only the job of a recording knows the truth.
+"""
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+from spoofbench import codec, plugins
+from spoofbench.attacks.contract import Attack, attackable_span, draw_window, make_variant
+from spoofbench.detector import Decisions, Detector, detect
+from spoofbench.errors import NotApplicable, PluginError, RecordingError
+from spoofbench.recording import Interval, Recording
+from spoofbench.results import write_truth
+from spoofbench.runner.blind import BlindReader, BlindWriter
+from spoofbench.sandbox import MemoryMeter, limit_memory, one_line
+from spoofbench.schema import TRUTH_TOPIC
+from spoofbench.scoring.grid import build_truth
+from spoofbench.suite import RATE_PARAMETER
+
+Record = dict[str, Any]
+"""What a job says: values that JSON knows, among them ``status`` and, unless it is ``ok``, a
+``reason``.
+"""
+
+Unfit = dict[str, tuple[str, str]]
+"""Status and reason by id of attack."""
+
+
+@dataclass(frozen=True, slots=True)
+class DescriptionJob:
+    """A plugin to describe; ``rate_per_hour`` is the suite's target false-alert rate, which only
+    detectors get.
+    """
+
+    group: plugins.Group
+    plugin: str
+    parameters: Mapping[str, Any]
+    rate_per_hour: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingJob:
+    """A recording to prepare.
+
+    Attributes:
+        recording: its id, from which windows are drawn.
+        path: its file.
+        donors: files that attacks may take signals from.
+        attacks: id, plugin and parameters of each attack on it.
+        seeds: one window each.
+        suite_seed, warm_up_s, duration_s: of the windows.
+        memory_mb: how far memory may grow while variants are made.
+    """
+
+    recording: str
+    path: str
+    donors: Sequence[str]
+    attacks: Sequence[Mapping[str, Any]]
+    seeds: Sequence[int]
+    suite_seed: int
+    warm_up_s: float
+    duration_s: float
+    memory_mb: int
+
+
+@dataclass(frozen=True, slots=True)
+class VariantJob:
+    """A variant to make: one attack, by id, or none, in a window; ``number`` is what detectors'
+    processes know it by.
+    """
+
+    id: str
+    number: str
+    attack: str | None = None
+    plugin: str = ""
+    window: Sequence[int] = ()
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorJob:
+    """A detector to run on variants, by number; it has to do without the ``withheld`` kinds."""
+
+    plugin: str
+    parameters: Mapping[str, Any]
+    variants: Sequence[str]
+    withheld: Sequence[str] = field(default_factory=tuple)
+    memory_mb: int = 512
+
+
+def describe_plugin(job: DescriptionJob) -> Record:
+    """Return all parameters of a plugin, and its contract.
+
+    The status is ``failed`` if it cannot be loaded, ``refused`` if it does not take the suite's
+    parameters.
+    """
+    plugin = plugins.find(job.group, job.plugin)
+    try:
+        factory = plugin.load()
+    except PluginError as error:
+        return {"status": "failed", "reason": one_line(error)}
+    parameters = job.parameters
+    has_rate = RATE_PARAMETER in getattr(factory, "__dataclass_fields__", {})
+    if job.rate_per_hour is not None and has_rate:
+        parameters = {RATE_PARAMETER: job.rate_per_hour, **parameters}
+    try:
+        made = plugins.make(job.group, job.plugin, _frozen(parameters))
+    except PluginError as error:
+        return {"status": "refused", "reason": str(error)}
+    if job.group == plugins.DETECTORS and not isinstance(made, Detector):
+        reason = (
+            f"PluginError: {plugin} is no detector; it needs requires, uses, memory_s and detect()"
+        )
+        return {"status": "failed", "reason": reason}
+    try:
+        return {"status": "ok", **_contract(job.group, made)}
+    except Exception as error:  # noqa: BLE001, properties of a plugin may raise anything
+        return {"status": "failed", "reason": one_line(error)}
+
+
+def _contract(group: plugins.Group, made: Any) -> Record:
+    parameters = {
+        field.name: _plain(getattr(made, field.name)) for field in fields(made) if field.init
+    }
+    if group == plugins.ATTACKS:
+        return {"parameters": parameters, "models": sorted(map(str, made.models))}
+    return {
+        "parameters": parameters,
+        "requires": [str(kind) for kind in made.requires],
+        "uses": [str(kind) for kind in made.uses],
+        "memory_s": float(made.memory_s),
+    }
+
+
+def survey_recording(job: RecordingJob) -> Iterator[Record]:
+    """Read a recording and draw a window per seed, which all its attacks share.
+
+    Each attack is announced, with the status ``asking``, before its code runs, so that it is known
+    whom to blame. The last record has the status ``ok``.
+
+    Raises:
+        RecordingError: the recording or a donor cannot be read, or is attacked already.
+    """
+    clean, donors = _read(job.path), [_read(path) for path in job.donors]
+    attacks, unfit = _attacks(job), Unfit()
+    first_ns = min(clean.span.start_ns + round(job.warm_up_s * 1e9), clean.span.end_ns)
+    common = Interval(first_ns, clean.span.end_ns)
+    has_room = common.duration_s >= job.duration_s
+    if not has_room:
+        reason = (
+            f"the recording has {common.duration_s:.1f} s after the warm-up, too few for an attack "
+            f"of {job.duration_s:g} s"
+        )
+        unfit = dict.fromkeys(attacks, ("skipped", reason))
+    for name, attack in attacks.items() if has_room else ():
+        yield {"status": "asking", "attack": name}
+        try:
+            common = _shared_span(common, attack, clean, donors, job.duration_s)
+        except NotApplicable as error:
+            unfit[name] = ("skipped", str(error))
+        except Exception as error:  # noqa: BLE001, a plugin may raise anything
+            unfit[name] = ("failed", one_line(error))
+    yield {
+        "status": "ok",
+        "digest": clean.digest(),
+        "donors": [donor.digest() for donor in donors],
+        "kinds": sorted(clean.blind().kinds),
+        "windows": {
+            str(seed): _window(job, seed, common) if has_room else None for seed in job.seeds
+        },
+        "unfit": unfit,
+    }
+
+
+def make_variants(
+    job: RecordingJob, variants: Sequence[VariantJob], results: Path, material: Path
+) -> Iterator[Record]:
+    """Write truth into the results and blind material into a folder of its own; yield a record for
+    each variant, with its kinds, or why it could not be made.
+    """
+    clean, donors = _read(job.path), [_read(path) for path in job.donors]
+    limit_memory(job.memory_mb << 20)
+    attacks, writer = _attacks(job), BlindWriter(material, clean)
+    for wanted in variants:
+        try:
+            variant = _variant(wanted, attacks, clean, donors)
+            write_truth(results, wanted.id, build_truth(clean, variant))
+        except NotApplicable as error:
+            record: Record = {"status": "skipped", "reason": str(error)}
+        except MemoryError:
+            reason = "MemoryError: making the variant needs more memory than the suite's limit"
+            record = {"status": "failed", "reason": reason}
+        except Exception as error:  # noqa: BLE001, a plugin may raise anything
+            record = {"status": "failed", "reason": one_line(error)}
+        else:
+            writer.put(wanted.number, variant)
+            record = {"status": "ok", "kinds": sorted(variant.blind().kinds)}
+        yield {"id": wanted.id, **record}
+
+
+@cache
+def _read(path: str) -> Recording:
+    """Read a recording, once in a process."""
+    recording = codec.read(Path(path))
+    if TRUTH_TOPIC in recording:
+        raise RecordingError(
+            f"{Path(path).name!r} is attacked already; a suite makes its attacks itself, from "
+            "clean recordings"
+        )
+    return recording
+
+
+def _attacks(job: RecordingJob) -> dict[str, Attack]:
+    return {
+        entry["id"]: plugins.make(plugins.ATTACKS, entry["plugin"], _frozen(entry["parameters"]))
+        for entry in job.attacks
+    }
+
+
+def _shared_span(
+    common: Interval, attack: Attack, clean: Recording, donors: Sequence[Recording], needed_s: float
+) -> Interval:
+    """Return where windows may lie for this attack and those before it in the suite.
+
+    Raises:
+        NotApplicable: they would leave no room for a window.
+    """
+    own = attackable_span(attack, clean, donors)
+    start_ns, end_ns = max(common.start_ns, own.start_ns), min(common.end_ns, own.end_ns)
+    if end_ns - start_ns < round(needed_s * 1e9):
+        room_s = max(0.0, (end_ns - start_ns) / 1e9)
+        raise NotApplicable(
+            f"it can be supplied for {room_s:.1f} s of what the attacks before it leave, not for "
+            f"{needed_s:g} s"
+        )
+    return Interval(start_ns, end_ns)
+
+
+def _window(job: RecordingJob, seed: int, common: Interval) -> tuple[int, int]:
+    window = draw_window(job.suite_seed, job.recording, seed, common, job.duration_s)
+    return window.start_ns, window.end_ns
+
+
+def _variant(
+    wanted: VariantJob,
+    attacks: Mapping[str, Attack],
+    clean: Recording,
+    donors: Sequence[Recording],
+) -> Recording:
+    if wanted.attack is None:
+        return clean
+    window = Interval(*wanted.window)
+    return make_variant(wanted.plugin, attacks[wanted.attack], clean, window, wanted.seed, donors)
+
+
+def run_detector(job: DetectorJob, material: Path) -> Iterator[tuple[Record, Decisions | None]]:
+    """Load a detector and run it on variants; yield a record when it is loaded, then for each
+    variant a record and, where it went well, decisions.
+
+    Memory is limited to its growth over this process and the largest variant's tables.
+    """
+    reader = BlindReader(material)
+    limit_memory((job.memory_mb << 20) + max(map(reader.size, job.variants)))
+    try:
+        detector: Detector = plugins.make(plugins.DETECTORS, job.plugin, _frozen(job.parameters))
+    except PluginError as error:
+        yield {"status": "failed", "reason": one_line(error)}, None
+        return
+    yield {"status": "ok"}, None
+    decide = partial(detect, detector, withheld=frozenset(job.withheld))
+    for variant in job.variants:
+        meter, start = MemoryMeter(), time.perf_counter()
+        record: Record = {"status": "ok", "reason": None}
+        decisions = None
+        try:
+            decisions = decide(reader.get(variant))
+        except MemoryError:
+            reason = f"it needs more than {job.memory_mb} MB"
+            record = {"status": "out_of_memory", "reason": reason}
+        except Exception as error:  # noqa: BLE001, a plugin may raise anything
+            record = {"status": "failed", "reason": one_line(error)}
+        seconds, growth_mb = round(time.perf_counter() - start, 6), meter.growth_mb()
+        yield {"variant": variant, **record, "seconds": seconds, "growth_mb": growth_mb}, decisions
+
+
+def _frozen(value: Any) -> Any:
+    """Return a parameter with tuples for lists, as a frozen dataclass wants it."""
+    if isinstance(value, Mapping):
+        return {key: _frozen(item) for key, item in value.items()}
+    return tuple(map(_frozen, value)) if isinstance(value, list | tuple) else value
+
+
+def _plain(value: Any) -> Any:
+    """Return a parameter as JSON can say it; what JSON has no word for as text."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
