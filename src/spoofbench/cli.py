@@ -20,7 +20,9 @@ from spoofbench.terminal import (
 
 app = typer.Typer(
     name="spoofbench",
-    help="Convert GNSS and IMU logs, spoof them, and rank spoofing detectors with honest intervals.",
+    help=(
+        "Convert GNSS and IMU logs, spoof them, and rank spoofing detectors with honest intervals."
+    ),
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -336,12 +338,14 @@ def report(
 ) -> None:
     """Write the page and print the leaderboard."""
     from spoofbench import report as reports
+    from spoofbench.scoring.leaderboard import leaderboard
 
-    page = reports.write_site(results, out)
+    board = leaderboard(results)
+    page = reports.write_site(results, board, out)
     if markdown:
-        typer.echo(reports.markdown(results))
+        typer.echo(reports.markdown(board))
     else:
-        _leaderboard(results)
+        reports.print_leaderboard(board)
     typer.echo(f"report: {page}", err=markdown)
 
 
@@ -479,8 +483,7 @@ def _calm_threads() -> None:
 
 
 def _leaderboard(results: Path) -> None:
-    from rich.console import Console
-
     from spoofbench.report import print_leaderboard
+    from spoofbench.scoring.leaderboard import leaderboard
 
-    print_leaderboard(results, Console())
+    print_leaderboard(leaderboard(results))

@@ -9,6 +9,7 @@ from spoofbench.conversion import convert
 from spoofbench.errors import SpoofbenchError
 from spoofbench.report import write_site
 from spoofbench.runner import run
+from spoofbench.scoring.leaderboard import leaderboard
 from spoofbench.suite import load_suite, packaged_suite
 
 Progress = Callable[[str], Callable[[float], None]]
@@ -53,6 +54,6 @@ def demonstrate(out: Path, workers: int | None, progress: Progress) -> Path:
         progress=progress("run the detectors"),
     )
     step = progress("write the report")
-    page = write_site(results, out / "site")
+    page = write_site(results, leaderboard(results), out / "site")
     step(1.0)
     return page

@@ -1,14 +1,18 @@
-"""The results folder: one immutable file per outcome, tables over all of them, all of it Parquet.
+"""The results folder: what a run leaves behind, and how it is written and read.
 
 ::
 
     run.json                    versions, input digests, machine
-    tasks.parquet               one row per task
-    decisions/<task>.parquet    time_ns, score, available; status and reason in the file's metadata
-    truth/<variant>.parquet     the scoring grid of a variant, per epoch; attack intervals in the file's metadata
-    scores.parquet              one row per task
-    events.parquet              one row per task and attack interval
+    tasks.parquet               one row per task: see Task
+    decisions/<task>.parquet    time_ns, score, available; its metadata says status and reason
+    truth/<variant>.parquet     the scoring grid of a variant, one row per epoch: see Truth; its
+                                metadata says the nominal interval and the attack intervals
+    scores.parquet              one row per task: see spoofbench.scoring.score
+    events.parquet              one row per task and attack interval: see there too
     costs.parquet               time and memory: the only file that may differ between equal runs
+
+Decisions and truth never change once they are written. Every file is there whole or not at all,
+and equal content gives equal bytes. Unknown is null.
 """
 
 import contextlib
@@ -21,9 +25,10 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Floats, Times
 from spoofbench.detector import Decisions
 from spoofbench.errors import PluginError, RecordingError, ResultsError
 from spoofbench.recording import Interval
@@ -35,8 +40,20 @@ FAILURES: frozenset[Status] = frozenset({"failed", "timeout", "out_of_memory"})
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One row of ``tasks.parquet``: one detector on one variant. An unattacked task has no attack,
-    window or seed.
+    """One row of ``tasks.parquet``: one detector on one variant of a recording.
+
+    Attributes:
+        task_id, variant_id: digests of what decides the result; the names of its files.
+        recording, session: as in the suite.
+        attack, attack_parameters, seed: None for an unattacked task; parameters as JSON text.
+        window_start_ns, window_end_ns: where the attack was to be; None as above.
+        detector: name in the suite.
+        plugin, plugin_distribution, plugin_version, parameters: what the detector is.
+        requires: kinds without which it cannot run, as JSON text.
+        memory_s: how long an alert may outlast its cause.
+        hold_s: how long a decision stands; None for one epoch.
+        target_far_per_hour: the false-alert rate that detectors are to keep.
+        status, reason: what became of it, and why where that is not ``ok``.
     """
 
     task_id: str
@@ -61,29 +78,30 @@ class Task:
     reason: str | None
 
 
-_ARROW: dict[Any, Any] = {
+_TASK_TYPES: dict[Any, Any] = {
     int: pa.int64(),
     int | None: pa.int64(),
     float: pa.float64(),
     float | None: pa.float64(),
 }
 TASK_SCHEMA = pa.schema(
-    [(field.name, _ARROW.get(field.type, pa.string())) for field in fields(Task)]
+    [(field.name, _TASK_TYPES.get(field.type, pa.string())) for field in fields(Task)]
 )
-_KNOWN = [field.name for field in fields(Task) if NoneType not in get_args(field.type)]
+_NEVER_NULL = [field.name for field in fields(Task) if NoneType not in get_args(field.type)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The scoring grid of a variant, arrays ``(n,)``, and its attack intervals.
+    """The scoring grid of a variant, arrays of shape ``(n,)``, and its attack intervals.
 
     Attributes:
-        time_ns: epochs of the variant's primary PVT, and the nominal epochs inside its gaps.
+        time_ns: epochs of the variant's primary PVT, and the nominal epochs inside its gaps;
+            increasing, on the recording's clock.
         observed: whether the variant has a row there (else a nominal epoch).
         spoofed: within an attack interval.
         guard: within 10 s after one, where an epoch is neither clean nor spoofed (a detector's
             ``memory_s`` may extend it).
-        lat_deg, lon_deg: as the variant says; NaN at nominal epochs.
+        lat_deg, lon_deg: WGS 84, as the variant says; NaN at nominal epochs.
         clean_lat_deg, clean_lon_deg: as the clean recording says.
         position_error_m: 3-D distance of the two, NaN where either is absent.
         velocity_error_mps: norm of the difference of the two velocities.
@@ -91,25 +109,23 @@ class Truth:
         intervals: the rows of ``/truth/attack``.
     """
 
-    time_ns: NDArray[np.int64]
-    observed: NDArray[np.bool_]
-    spoofed: NDArray[np.bool_]
-    guard: NDArray[np.bool_]
-    lat_deg: NDArray[np.float64]
-    lon_deg: NDArray[np.float64]
-    clean_lat_deg: NDArray[np.float64]
-    clean_lon_deg: NDArray[np.float64]
-    position_error_m: NDArray[np.float64]
-    velocity_error_mps: NDArray[np.float64]
+    time_ns: Times
+    observed: Bools
+    spoofed: Bools
+    guard: Bools
+    lat_deg: Floats
+    lon_deg: Floats
+    clean_lat_deg: Floats
+    clean_lon_deg: Floats
+    position_error_m: Floats
+    velocity_error_mps: Floats
     epoch_ns: int
     intervals: tuple[Interval, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What became of a task: decisions where the status is ``ok``, else the reason why there are
-    none.
-    """
+    """What became of a task: decisions where it is ``ok``, else the reason why there are none."""
 
     status: Status
     reason: str | None
@@ -123,12 +139,14 @@ _DECISION_SCHEMA = pa.schema(
 
 def write_outcome(folder: Path, task_id: str, outcome: Outcome) -> None:
     """Write one task's outcome, whole or not at all."""
-    d = outcome.decisions
-    columns: list[Any] = [[], [], []] if d is None else [d.time_ns, d.score, d.available]
-    about = {"status": outcome.status, "reason": outcome.reason or ""}
+    made = outcome.decisions
+    columns: list[Any] = (
+        [[], [], []] if made is None else [made.time_ns, made.score, made.available]
+    )
+    metadata = {"status": outcome.status, "reason": outcome.reason or ""}
     write_parquet(
         folder / "decisions" / f"{task_id}.parquet",
-        pa.table(columns, _DECISION_SCHEMA.with_metadata(about)),
+        pa.table(columns, _DECISION_SCHEMA.with_metadata(metadata)),
     )
 
 
@@ -142,25 +160,24 @@ def read_outcome(folder: Path, task_id: str) -> Outcome | None:
     if not path.exists():
         return None
     table = read_parquet(path)
-    about = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
-    if about.get("status") not in get_args(Status):
+    metadata = {
+        key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()
+    }
+    status: Any = metadata.get("status")
+    if status not in get_args(Status):
         raise ResultsError(f"{path} has no status; delete it and resume the run")
     decisions = None
-    if about["status"] == "ok":
+    if status == "ok":
         try:
             decisions = Decisions(*_columns(path, table, _DECISION_SCHEMA).values())
         except PluginError as error:
             raise ResultsError(
                 f"{path} is damaged: {error}; delete it and resume the run"
             ) from error
-    return Outcome(about["status"], about.get("reason") or None, decisions)
+    return Outcome(status, metadata.get("reason") or None, decisions)
 
 
-_TRUTH_TYPES: dict[Any, Any] = {
-    NDArray[np.int64]: pa.int64(),
-    NDArray[np.bool_]: pa.bool_(),
-    NDArray[np.float64]: pa.float64(),
-}
+_TRUTH_TYPES: dict[Any, Any] = {Times: pa.int64(), Bools: pa.bool_(), Floats: pa.float64()}
 _TRUTH_SCHEMA = pa.schema(
     [
         (field.name, _TRUTH_TYPES[field.type])
@@ -173,14 +190,15 @@ _TRUTH_SCHEMA = pa.schema(
 def write_truth(folder: Path, variant_id: str, truth: Truth) -> None:
     """Write one variant's scoring grid and intervals."""
     columns = {name: getattr(truth, name) for name in _TRUTH_SCHEMA.names}
-    about = {
+    metadata = {
         "epoch_ns": str(truth.epoch_ns),
         "intervals": json.dumps(
             [[interval.start_ns, interval.end_ns] for interval in truth.intervals]
         ),
     }
     write_parquet(
-        folder / "truth" / f"{variant_id}.parquet", pa.table(columns).replace_schema_metadata(about)
+        folder / "truth" / f"{variant_id}.parquet",
+        pa.table(columns).replace_schema_metadata(metadata),
     )
 
 
@@ -198,12 +216,11 @@ def read_truth(folder: Path, variant_id: str) -> Truth:
     path = folder / "truth" / f"{variant_id}.parquet"
     table = read_parquet(path)
     columns = _columns(path, table, _TRUTH_SCHEMA)
-    about = table.schema.metadata or {}
+    metadata = table.schema.metadata or {}
     try:
-        bounds = np.array(json.loads(about[b"intervals"]) or np.empty((0, 2), np.int64)).reshape(
-            -1, 2
-        )
-        epoch_ns = int(about[b"epoch_ns"])
+        pairs = json.loads(metadata[b"intervals"]) or np.empty((0, 2), np.int64)
+        bounds = np.array(pairs).reshape(-1, 2)
+        epoch_ns = int(metadata[b"epoch_ns"])
         if bounds.dtype != np.int64 or not 0 < epoch_ns < 2**63:
             raise ValueError("not whole nanoseconds")
         return Truth(
@@ -225,22 +242,32 @@ def write_tasks(folder: Path, tasks: Sequence[Task]) -> None:
     )
 
 
-def read_tasks(folder: Path) -> list[Task]:
-    """Return the rows of ``tasks.parquet``.
+def read_task_table(folder: Path) -> pa.Table:
+    """Return ``tasks.parquet`` as a table of the columns of :class:`Task`.
 
     Raises:
         ResultsError: the file is missing or damaged.
     """
     path = folder / "tasks.parquet"
-    rows = read_rows(path, TASK_SCHEMA)
-    for row in rows:
-        unknown = [name for name in _KNOWN if row[name] is None]
-        if unknown or row["status"] not in get_args(Status):
-            raise ResultsError(
-                f"{path} is damaged: a task has no {(unknown or ['status'])[0]!r} that is known; "
-                "resume the run"
-            )
-    return [Task(**row) for row in rows]
+    table = read_table(path, TASK_SCHEMA)
+    unknown = [name for name in _NEVER_NULL if table[name].null_count]
+    if not pc.all(pc.is_in(table["status"], pa.array(get_args(Status)))).as_py() and len(table):
+        unknown.append("status")
+    if unknown:
+        raise ResultsError(
+            f"{path} is damaged: {unknown[0]!r} is not known of every task; resume the run"
+        )
+    return table
+
+
+def read_tasks(folder: Path) -> list[Task]:
+    """Return the rows of ``tasks.parquet``, in the order of the suite.
+
+    Raises:
+        ResultsError: the file is missing or damaged.
+    """
+    columns = [column.to_pylist() for column in read_task_table(folder).columns]
+    return [Task(*values) for values in zip(*columns, strict=True)]
 
 
 def write_run(folder: Path, run: Mapping[str, Any]) -> None:
@@ -276,13 +303,14 @@ def read_parquet(path: Path) -> pa.Table:
         ResultsError: the file is missing or damaged.
     """
     try:
-        return pq.read_table(path, partitioning=None)
+        # quickest for the many small files of a folder
+        return pq.ParquetFile(pa.BufferReader(path.read_bytes())).read(use_threads=False)
     except (OSError, pa.ArrowException) as error:
         raise ResultsError(f"{path} cannot be read: {error}") from error
 
 
-def read_rows(path: Path, schema: pa.Schema) -> list[dict[str, Any]]:
-    """Return the rows of a table of this schema; unknown is None, and numbers are finite.
+def read_table(path: Path, schema: pa.Schema) -> pa.Table:
+    """Return a table of this schema, whose numbers are finite where they are not null.
 
     Raises:
         ResultsError: the file is missing or damaged.
@@ -302,13 +330,11 @@ def read_rows(path: Path, schema: pa.Schema) -> list[dict[str, Any]]:
                 f"{path} is damaged: {column.name!r} is not finite everywhere; score the folder "
                 "again"
             )
-    rows: list[dict[str, Any]] = table.to_pylist()
-    return rows
+    return table
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Let a function write a file under a temporary name, and rename it: it is there whole or not
-    at all.
+    """Let a function write a file under a temporary name, then rename it: whole or not at all.
 
     Raises:
         ResultsError: it cannot be written.
@@ -318,10 +344,13 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write(temporary)
         temporary.replace(path)
-    except OSError as error:
+    except BaseException as error:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
-        raise ResultsError(f"{str(path)!r} cannot be written: {error.strerror or error}") from error
+        if isinstance(error, OSError):
+            reason = error.strerror or error
+            raise ResultsError(f"{str(path)!r} cannot be written: {reason}") from error
+        raise
 
 
 def _columns(path: Path, table: pa.Table, schema: pa.Schema) -> dict[str, Any]:

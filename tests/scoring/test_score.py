@@ -13,8 +13,9 @@ from spoofbench.results import Outcome, write_outcome
 from spoofbench.scoring.score import SCORE_SCHEMA, score_folder
 
 FIRST_COLUMNS = """
-recording attack seed detector status reason far_per_hour far_per_hour_lo far_per_hour_hi far_epoch alert_fraction detection_pct
-detection_pct_available ttfd_s detected availability position_error_at_detection_m
+recording attack seed detector status reason far_per_hour far_per_hour_lo far_per_hour_hi far_epoch
+alert_fraction detection_pct detection_pct_available ttfd_s detected availability
+position_error_at_detection_m
 """
 
 

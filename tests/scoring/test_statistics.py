@@ -1,4 +1,4 @@
-"""Estimates: against scipy's independent implementations, hand calculation and their own laws."""
+"""Statistics: against scipy's independent implementations, hand calculation and their own laws."""
 
 import numpy as np
 import pytest
@@ -35,15 +35,15 @@ def test_nothing_to_estimate_is_none() -> None:
     empty = np.empty(0)
     assert statistics.poisson_rate(0, 0.0) is None
     assert statistics.proportion(0, 0) is None
-    assert statistics.survival([], []) is None
-    assert statistics.roc(empty, np.ones(3)) is None
-    assert statistics.roc(np.full(3, np.nan), np.ones(3)) is None
-    assert statistics.roc(np.ones(3), empty) is None
+    assert statistics.survival_curve([], []) is None
+    assert statistics.roc_curve(empty, np.ones(3)) is None
+    assert statistics.roc_curve(np.full(3, np.nan), np.ones(3)) is None
+    assert statistics.roc_curve(np.ones(3), empty) is None
 
 
 def test_kaplan_meier_by_hand() -> None:
     """Detections at 1, 2, 2 and 5 s; censored at 2 and 4 s: S = 5/6, 5/6 * 3/5 = 1/2, 0."""
-    curve = statistics.survival([1, 2, 2, 2, 4, 5], [True, True, True, False, False, True])
+    curve = statistics.survival_curve([1, 2, 2, 2, 4, 5], [True, True, True, False, False, True])
     assert curve is not None
     assert curve.time_s.tolist() == [1, 2, 5]
     assert curve.undetected == pytest.approx([5 / 6, 1 / 2, 0])
@@ -54,7 +54,7 @@ def test_kaplan_meier_by_hand() -> None:
 
 
 def test_never_detected_has_no_quantile_and_the_whole_horizon() -> None:
-    curve = statistics.survival([60, 60], [False, False])
+    curve = statistics.survival_curve([60, 60], [False, False])
     assert curve is not None
     assert curve.quantile_s(0.5) is None
     assert curve.restricted_mean_s(60) == 60
@@ -63,7 +63,7 @@ def test_never_detected_has_no_quantile_and_the_whole_horizon() -> None:
 @given(st.lists(st.tuples(st.integers(0, 20), st.booleans()), min_size=1, max_size=30))
 def test_kaplan_meier_agrees_with_scipy(observations: list[tuple[int, bool]]) -> None:
     times, flags = zip(*observations, strict=True)
-    curve = statistics.survival(times, flags)
+    curve = statistics.survival_curve(times, flags)
     assert curve is not None
     data = stats.CensoredData(
         uncensored=[t for t, detected in observations if detected],
@@ -79,7 +79,7 @@ def test_kaplan_meier_agrees_with_scipy(observations: list[tuple[int, bool]]) ->
 def test_restricted_mean_is_the_plain_mean_where_all_attacks_are_equally_long(
     times: list[int],
 ) -> None:
-    curve = statistics.survival(times, [t < 60 for t in times])
+    curve = statistics.survival_curve(times, [t < 60 for t in times])
     assert curve is not None
     assert curve.restricted_mean_s(60) == pytest.approx(np.mean(times))
     assert curve.restricted_mean_s(30) == pytest.approx(np.minimum(times, 30).mean())
@@ -94,7 +94,10 @@ SCORES = st.lists(
 def test_scaling_scores_and_threshold_together_changes_nothing(
     clean: np.ndarray, spoofed: np.ndarray, scale: float
 ) -> None:
-    curve, scaled = statistics.roc(clean, spoofed), statistics.roc(scale * clean, scale * spoofed)
+    curve, scaled = (
+        statistics.roc_curve(clean, spoofed),
+        statistics.roc_curve(scale * clean, scale * spoofed),
+    )
     assert (curve is None) == (scaled is None)
     if curve is not None and scaled is not None:
         np.testing.assert_array_equal(curve, scaled)
@@ -102,7 +105,7 @@ def test_scaling_scores_and_threshold_together_changes_nothing(
 
 @given(SCORES, SCORES)
 def test_roc_agrees_with_a_loop_over_thresholds(clean: np.ndarray, spoofed: np.ndarray) -> None:
-    curve = statistics.roc(clean, spoofed)
+    curve = statistics.roc_curve(clean, spoofed)
     if curve is None:
         assert np.isnan(clean).all()
         return
@@ -122,7 +125,7 @@ def test_whole_area_is_the_chance_that_a_spoofed_score_beats_a_clean_one(
 ) -> None:
     assume(not np.isnan(clean).any())
     assume(not np.isnan(spoofed).any())
-    curve = statistics.roc(clean, spoofed)
+    curve = statistics.roc_curve(clean, spoofed)
     assert curve is not None
     wins = (spoofed[:, None] > clean).mean() + 0.5 * (spoofed[:, None] == clean).mean()
     assert statistics.partial_auc(*curve, 1.0) == pytest.approx(wins)
@@ -137,7 +140,7 @@ def test_partial_area_of_perfect_blind_and_unavailable_detectors() -> None:
         (high, low),
         (low, np.where(np.arange(200) % 2, high, np.nan)),
     ):
-        curve = statistics.roc(clean, spoofed)
+        curve = statistics.roc_curve(clean, spoofed)
         assert curve is not None
         areas.append(statistics.partial_auc(*curve, 0.01))
     assert areas == pytest.approx([1, 0.005, 0, 0.5], abs=1e-12)

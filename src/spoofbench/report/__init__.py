@@ -1,48 +1,50 @@
 """The report of a results folder: in the terminal, as Markdown, and as one page that works
 offline.
+
+Each takes the folder's leaderboard, see :func:`spoofbench.scoring.leaderboard.leaderboard`, so that
+a folder is ranked once.
 """
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import rich.console
+    from rich.console import Console
+
+    from spoofbench.scoring.leaderboard import Leaderboard
 
 __all__ = ["markdown", "print_leaderboard", "write_site"]
 
 
-def print_leaderboard(folder: Path, console: "rich.console.Console") -> None:
-    """Print the leaderboard of a results folder in at most 80 columns.
+def print_leaderboard(board: "Leaderboard", console: "Console | None" = None) -> None:
+    """Print a leaderboard in at most 80 columns, by default to standard output."""
+    from rich.console import Console
 
-    Raises:
-        ResultsError: the folder lacks a file or a file is damaged.
-    """
-    from spoofbench.report.tables import read_board
-    from spoofbench.report.terminal import print_board
+    from spoofbench.report.leaderboard_table import print_board
 
-    print_board(read_board(folder), console)
+    print_board(board, console or Console())
 
 
-def markdown(folder: Path) -> str:
-    """Return the leaderboard of a results folder in GitHub Markdown.
+def markdown(board: "Leaderboard") -> str:
+    """Return a leaderboard in GitHub Markdown."""
+    from spoofbench.report import leaderboard_table
 
-    Raises:
-        ResultsError: the folder lacks a file or a file is damaged.
-    """
-    from spoofbench.report.md import as_markdown
-    from spoofbench.report.tables import read_board
-
-    return as_markdown(read_board(folder))
+    return leaderboard_table.markdown(board)
 
 
-def write_site(folder: Path, site: Path) -> Path:
+def write_site(folder: Path, board: "Leaderboard", site: Path) -> Path:
     """Write ``index.html``, ``leaderboard.md`` and ``leaderboard.json`` and return the page's path.
 
     Equal folders give equal bytes; the page makes no request.
 
+    Args:
+        folder: the results folder.
+        board: its leaderboard.
+        site: the folder to write into.
+
     Raises:
-        ResultsError: the folder lacks a file or a file is damaged.
+        ResultsError: the results folder lacks a file or a file is damaged.
     """
     from spoofbench.report.site import write
 
-    return write(folder, site)
+    return write(folder, board, site)

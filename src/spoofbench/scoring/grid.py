@@ -1,10 +1,13 @@
-"""The scoring grid: the epochs at which truth and decisions meet."""
+"""The scoring grid: the epochs at which truth and decisions meet.
+
+Times are nanoseconds on the recording's clock; arrays have one value per epoch, shape ``(n,)``.
+"""
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Floats, Times, ragged_arange
 from spoofbench.detector import Decisions
 from spoofbench.errors import LimitError, RecordingError
 from spoofbench.recording import Interval, Recording
@@ -17,10 +20,6 @@ GUARD_S = 10.0
 
 MAX_EPOCHS = 5_000_000
 """Largest grid; a recording whose clock jumps by years would need more."""
-
-Times = NDArray[np.int64]
-Flags = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 
 def build_truth(clean: Recording, variant: Recording) -> Truth:
@@ -40,41 +39,42 @@ def build_truth(clean: Recording, variant: Recording) -> Truth:
             f"a recording with {len(base)} 'gnss/pvt' epochs cannot be scored: two are needed"
         )
     epoch_ns = int(np.median(np.diff(base.time_ns)))
-    falsified = _epochs(variant)
-    lacking = ~_near(base.time_ns, falsified.time_ns, epoch_ns // 2)
-    time_ns = _with_nominal(np.union1d(falsified.time_ns, base.time_ns[lacking]), epoch_ns)
+    attacked = _epochs(variant)
+    lost = ~_near(base.time_ns, attacked.time_ns, epoch_ns // 2)
+    time_ns = _with_nominal(np.union1d(attacked.time_ns, base.time_ns[lost]), epoch_ns)
     intervals = _intervals(variant)
     spoofed = within(time_ns, intervals)
-    ours, theirs = _at(falsified, time_ns), _at(base, time_ns)
+    reported, true = _at(attacked, time_ns), _at(base, time_ns)
     return Truth(
         time_ns=time_ns,
-        observed=np.isin(time_ns, falsified.time_ns),
+        observed=np.isin(time_ns, attacked.time_ns),
         spoofed=spoofed,
         guard=release_guard(time_ns, intervals, 0.0) & ~spoofed,
-        lat_deg=ours["lat_deg"],
-        lon_deg=ours["lon_deg"],
-        clean_lat_deg=theirs["lat_deg"],
-        clean_lon_deg=theirs["lon_deg"],
-        position_error_m=_position_error_m(ours, theirs),
+        lat_deg=reported["lat_deg"],
+        lon_deg=reported["lon_deg"],
+        clean_lat_deg=true["lat_deg"],
+        clean_lon_deg=true["lon_deg"],
+        position_error_m=_position_error_m(reported, true),
         velocity_error_mps=_norm(
-            [ours[name] - theirs[name] for name in ("vel_n_mps", "vel_e_mps", "vel_d_mps")]
+            [reported[name] - true[name] for name in ("vel_n_mps", "vel_e_mps", "vel_d_mps")]
         ),
         epoch_ns=epoch_ns,
         intervals=intervals,
     )
 
 
-def within(time_ns: Times, intervals: Sequence[Interval]) -> Flags:
-    """Which times lie within an interval, bool ``(n,)``."""
+def within(time_ns: Times, intervals: Sequence[Interval]) -> Bools:
+    """Return which times lie within one of the intervals, shape ``(n,)``."""
     inside = np.zeros(time_ns.size, bool)
     for interval in intervals:
         inside |= interval.covers(time_ns)
     return inside
 
 
-def release_guard(time_ns: Times, intervals: Sequence[Interval], memory_s: float) -> Flags:
-    """Which times lie within ``max(10 s, memory_s)`` after the end of an interval, bool
-    ``(n,)``.
+def release_guard(time_ns: Times, intervals: Sequence[Interval], memory_s: float) -> Bools:
+    """Return which times lie within the guard after an interval, shape ``(n,)``.
+
+    The guard lasts :data:`GUARD_S`, or ``memory_s`` where that is longer.
     """
     length_ns = round(max(GUARD_S, memory_s) * 1e9)
     return within(
@@ -83,7 +83,7 @@ def release_guard(time_ns: Times, intervals: Sequence[Interval], memory_s: float
 
 
 def score_on_grid(decisions: Decisions, truth: Truth, hold_s: float | None) -> Floats:
-    """Return the score that holds at each epoch, float64 ``(n,)``, NaN where unavailable.
+    """Return the score that holds at each epoch, shape ``(n,)``, NaN where unavailable.
 
     An epoch takes the latest decision after the previous epoch, or with ``hold_s`` the latest that
     is not older than that. Where there is none, or it is unavailable, so is the epoch.
@@ -100,9 +100,7 @@ def score_on_grid(decisions: Decisions, truth: Truth, hold_s: float | None) -> F
 
 
 def _epochs(recording: Recording) -> Table:
-    """The primary PVT, one row per time; empty where an attack that does not model it has removed
-    it.
-    """
+    """The primary PVT, one row per time; empty where the attack does not model it."""
     if not recording.topics("gnss/pvt"):
         return Table("gnss/pvt", np.empty(0, np.int64), {})
     return recording.primary("gnss/pvt").last_per_time()
@@ -120,13 +118,13 @@ def _intervals(variant: Recording) -> tuple[Interval, ...]:
     )
 
 
-def _near(time_ns: Times, others: Times, distance_ns: int) -> Flags:
+def _near(time_ns: Times, others: Times, distance_ns: int) -> Bools:
     """Which times have one of the others at most this far away."""
     if others.size == 0:
         return np.zeros(time_ns.size, bool)
     after = np.searchsorted(others, time_ns).clip(0, others.size - 1)
     before = (after - 1).clip(0)
-    near: Flags = (
+    near: Bools = (
         np.minimum(abs(others[after] - time_ns), abs(others[before] - time_ns)) <= distance_ns
     )
     return near
@@ -141,8 +139,7 @@ def _with_nominal(time_ns: Times, epoch_ns: int) -> Times:
             f"more than {MAX_EPOCHS}; split the recording"
         )
     counts = np.append(missing + 1, 1)
-    first = np.repeat(np.cumsum(counts) - counts, counts)
-    filled: Times = np.repeat(time_ns, counts) + (np.arange(counts.sum()) - first) * epoch_ns
+    filled: Times = np.repeat(time_ns, counts) + ragged_arange(counts) * epoch_ns
     return filled
 
 
@@ -150,33 +147,25 @@ def _at(table: Table, time_ns: Times) -> dict[str, Floats]:
     """The PVT fields that the truth compares, at equal times; NaN elsewhere."""
     row = np.searchsorted(table.time_ns, time_ns).clip(0, max(len(table) - 1, 0))
     equal = table.time_ns[row] == time_ns if len(table) else np.zeros(time_ns.size, bool)
-    names = (
-        "lat_deg",
-        "lon_deg",
-        "height_m",
-        "height_msl_m",
-        "vel_n_mps",
-        "vel_e_mps",
-        "vel_d_mps",
-    )
-    columns = {name: np.full(time_ns.size, np.nan) for name in names}
-    for name in names:
-        columns[name][equal] = table[name][row[equal]]
+    names = "lat_deg lon_deg height_m height_msl_m vel_n_mps vel_e_mps vel_d_mps"
+    columns = {name: np.full(time_ns.size, np.nan) for name in names.split()}
+    for name, values in columns.items():
+        values[equal] = table[name][row[equal]]
     return columns
 
 
-def _position_error_m(ours: dict[str, Floats], theirs: dict[str, Floats]) -> Floats:
+def _position_error_m(reported: dict[str, Floats], true: dict[str, Floats]) -> Floats:
     """3-D distance; where either lacks the ellipsoidal height, both give that above mean sea
     level.
     """
     from pymap3d import geodetic2ecef
 
-    no_height = np.isnan(ours["height_m"]) | np.isnan(theirs["height_m"])
-    places = []
-    for side in (ours, theirs):
+    no_height = np.isnan(reported["height_m"]) | np.isnan(true["height_m"])
+    ecef_m = []
+    for side in (reported, true):
         height_m = np.where(no_height, side["height_msl_m"], side["height_m"])
-        places.append(np.stack(geodetic2ecef(side["lat_deg"], side["lon_deg"], height_m)))
-    return _norm(list(places[0] - places[1]))
+        ecef_m.append(np.stack(geodetic2ecef(side["lat_deg"], side["lon_deg"], height_m)))
+    return _norm(list(ecef_m[0] - ecef_m[1]))
 
 
 def _norm(components: list[Floats]) -> Floats:

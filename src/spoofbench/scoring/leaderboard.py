@@ -1,28 +1,52 @@
-"""The leaderboard of a results folder: one row per detector configuration, one cell per detector
-and attack.
+"""The leaderboard of a results folder: a row per detector, a cell per detector and attack.
+
+The tables of the folder are read as columns and grouped once by detector and once by cell; a figure
+rests on its group's rows in the order of the table.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, get_args
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from spoofbench.arrays import Bools, Floats, Indices, Ints
 from spoofbench.errors import ResultsError
-from spoofbench.results import FAILURES, Task, read_rows, read_run, read_tasks
+from spoofbench.results import (
+    FAILURES,
+    Status,
+    has_truth,
+    read_run,
+    read_table,
+    read_task_table,
+    read_truth,
+)
 from spoofbench.scoring.metrics import false_alert_rate
 from spoofbench.scoring.score import EVENT_SCHEMA, SCORE_SCHEMA
-from spoofbench.scoring.statistics import Survival, proportion, session_interval, survival
+from spoofbench.scoring.statistics import (
+    SurvivalCurve,
+    proportion,
+    session_interval,
+    survival_curve,
+)
 
 BASELINES = "spoofbench-baselines"
 """The distribution whose detectors are rows of chance."""
 
-_Cells = Mapping[str, Any]
+_STATUSES: tuple[Status, ...] = get_args(Status)
+_Columns = Mapping[str, NDArray[Any]]
+"""Columns of a table by name, ``(n,)``: numbers as float64, NaN where unknown; names as codes."""
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """One detector configuration over all tasks of a folder; null is None throughout.
+class LeaderboardRow:
+    """One detector configuration over all tasks of a folder; unknown is None.
 
     Attributes:
         rank: 1 is best, equal where nothing tells two rows apart; None where no attacked task could
@@ -39,12 +63,14 @@ class Row:
             attack.
         ttfd_median_s, ttfd_p90_s: Kaplan-Meier over attack intervals; None where fewer than that
             share are ever detected.
+        longest_attack_s: length of the longest attack that the detector faced.
         p_md: missed share of attack intervals, ``detected`` of ``events``; ``lo`` and ``hi`` by
             bootstrap over sessions, None below 5.
         far_per_hour: episodes per available clean hour over unattacked tasks pooled by time, with
             Garwood interval.
         far_floor_per_hour: the lowest rate that so many hours can resolve, 3/T.
-        far_epoch, availability: over the same tasks, pooled by epochs.
+        far_epoch, availability: shares of 1 over the same tasks, weighted by available clean hours
+            and by epochs.
         position_error_at_detection_m: median over detected attack intervals.
         largest_undetected_position_error_m: over all spoofed epochs without alert.
         partial_auc: mean over attacked tasks of the area under the ROC curve at low P_FA, as a
@@ -67,6 +93,7 @@ class Row:
     restricted_mean_ttfd_s: float | None
     ttfd_median_s: float | None
     ttfd_p90_s: float | None
+    longest_attack_s: float | None
     p_md: float | None
     p_md_lo: float | None
     p_md_hi: float | None
@@ -86,11 +113,17 @@ class Row:
     skipped: int
     not_modelled: int
 
+    @property
+    def exceeds_target(self) -> bool:
+        """Whether the false-alert rate exceeds the target even at the lower end of its interval."""
+        return self.keeps_target is False
+
 
 @dataclass(frozen=True, slots=True)
-class Cell:
-    """One detector configuration against one attack; fields as in :class:`Row`, but P_MD with
-    Clopper-Pearson interval.
+class LeaderboardCell:
+    """One detector configuration against one attack.
+
+    Fields as in :class:`LeaderboardRow`, but P_MD with its Clopper-Pearson interval.
     """
 
     detector: str
@@ -116,18 +149,26 @@ class Leaderboard:
         rows: best first.
         cells: by detector in the order of the rows, then attack in the order of the suite.
         attacks: in the order of the suite.
-        recordings, sessions: how many there are.
+        recordings, sessions, attacked_variants: how many there are.
+        clean_h: length of the unattacked recordings.
         target_far_per_hour: the false-alert rate that a detector is to keep.
         note: what every table must say about its thresholds; empty where there is nothing to say.
     """
 
-    rows: tuple[Row, ...]
-    cells: tuple[Cell, ...]
+    rows: tuple[LeaderboardRow, ...]
+    cells: tuple[LeaderboardCell, ...]
     attacks: tuple[str, ...]
     recordings: int
     sessions: int
+    attacked_variants: int
+    clean_h: float
     target_far_per_hour: float
     note: str
+
+    def cells_of(self, index: int) -> tuple[LeaderboardCell, ...]:
+        """Return the cells of the row with this index, in the order of the attacks."""
+        n = len(self.attacks)
+        return self.cells[index * n : (index + 1) * n]
 
 
 def leaderboard(folder: Path) -> Leaderboard:
@@ -140,175 +181,225 @@ def leaderboard(folder: Path) -> Leaderboard:
     Raises:
         ResultsError: a file of the folder is missing or damaged, or the folder has no tasks.
     """
-    tasks = read_tasks(folder)
-    if not tasks:
+    tasks = read_task_table(folder)
+    if not len(tasks):
         raise ResultsError(f"{folder} has no tasks to rank; run a suite into it")
-    scores = read_rows(folder / "scores.parquet", SCORE_SCHEMA)
-    events = read_rows(folder / "events.parquet", EVENT_SCHEMA)
-    if [row["task_id"] for row in scores] != [task.task_id for task in tasks]:
+    score_table = read_table(folder / "scores.parquet", SCORE_SCHEMA)
+    event_table = read_table(folder / "events.parquet", EVENT_SCHEMA)
+    if not score_table["task_id"].equals(tasks["task_id"]):
         raise ResultsError(f"the scores in {folder} are not those of its tasks; score it again")
-    horizon_s = max((event["length_s"] for event in events), default=0.0)
-    detectors = list(dict.fromkeys(task.detector for task in tasks))
-    attacks = tuple(dict.fromkeys(task.attack for task in tasks if task.attack is not None))
+    names = {
+        "detector": tasks["detector"].unique(),
+        "attack": tasks["attack"].unique().drop_null(),
+        "session": tasks["session"].unique().sort(),
+    }
+    scores = _columns(score_table, names | {"status": pa.array(_STATUSES)})
+    events = _columns(event_table, names)
+    horizon_s = float(events["length_s"].max(initial=0.0))
+    detectors, attacks = names["detector"].to_pylist(), names["attack"].to_pylist()
+    n = len(detectors)
+    first = [rows[0] for rows in _groups(_codes(tasks["detector"], names["detector"]), n)]
     rows = _ranked(
         [
-            _row(next(task for task in tasks if task.detector == name), scores, events, horizon_s)
-            for name in detectors
+            _row(task, _taken(scores, own), _taken(events, faced), horizon_s)
+            for task, own, faced in zip(
+                tasks.take(first).to_pylist(),
+                _groups(scores["detector"], n),
+                _groups(events["detector"], n),
+                strict=True,
+            )
         ]
     )
+    cells = _cells(scores, events, detectors, attacks)
+    clean = tasks.filter(pc.is_null(tasks["attack"]))["variant_id"].unique().to_pylist()
+    attacked = tasks.filter(pc.is_valid(tasks["attack"]))["variant_id"].unique().to_pylist()
+    truths = [read_truth(folder, variant) for variant in clean if has_truth(folder, variant)]
     return Leaderboard(
         rows=rows,
-        cells=tuple(
-            _cell(row.detector, attack, scores, events) for row in rows for attack in attacks
-        ),
-        attacks=attacks,
-        recordings=len({task.recording for task in tasks}),
-        sessions=len({task.session for task in tasks}),
-        target_far_per_hour=tasks[0].target_far_per_hour,
+        cells=tuple(cells[row.detector, attack] for row in rows for attack in attacks),
+        attacks=tuple(attacks),
+        recordings=len(tasks["recording"].unique()),
+        sessions=len(names["session"]),
+        attacked_variants=sum(has_truth(folder, variant) for variant in attacked),
+        clean_h=sum(truth.time_ns.size * truth.epoch_ns for truth in truths) / 3.6e12,
+        target_far_per_hour=tasks["target_far_per_hour"][0].as_py(),
         note="Thresholds are the published ones: the suite has no calibration side."
         if read_run(folder).get("thresholds") == "published"
         else "",
     )
 
 
+def _columns(table: pa.Table, names: Mapping[str, pa.Array]) -> _Columns:
+    """Numbers of a table, and names as codes: their index among these, -1 for others and null."""
+    return {
+        column.name: _codes(table[column.name], names[column.name])
+        if column.name in names
+        else table[column.name].cast(pa.float64(), safe=False).to_numpy()
+        for column in table.schema
+        if column.name in names or column.type != pa.string()
+    }
+
+
+def _codes(column: pa.ChunkedArray, names: pa.Array) -> Ints:
+    codes: Ints = pc.index_in(column, value_set=names).fill_null(-1).to_numpy()
+    return codes
+
+
+def _groups(codes: Ints, count: int) -> list[Indices]:
+    """Rows of each code from 0 to ``count - 1``, ``(k,)`` each, in the order of the table."""
+    order = np.argsort(codes, kind="stable")
+    bounds = np.searchsorted(codes[order], np.arange(count + 1))
+    return [order[start:end] for start, end in pairwise(bounds)]
+
+
+def _taken(columns: _Columns, rows: Indices) -> _Columns:
+    return {name: values[rows] for name, values in columns.items()}
+
+
 def _row(
-    task: Task, all_scores: Sequence[_Cells], all_events: Sequence[_Cells], horizon_s: float
-) -> Row:
-    """The row of a task's detector, not ranked yet."""
-    scores, events = (
-        _of(all_scores, detector=task.detector),
-        _of(all_events, detector=task.detector),
-    )
-    clean = [row for row in _of(scores, attack=None) if row["epochs"] is not None]
-    detected = [row for row in scores if row["detection_pct"] is not None]
-    interval = session_interval(
-        [row["detection_pct"] for row in detected], [row["session"] for row in detected]
-    )
-    hours = sum(row["available_clean_h"] for row in clean)
+    task: Mapping[str, Any], scores: _Columns, events: _Columns, horizon_s: float
+) -> LeaderboardRow:
+    """The row of a task's detector, whose scores and events these are; not ranked yet."""
+    clean = _taken(scores, np.flatnonzero((scores["attack"] < 0) & ~np.isnan(scores["epochs"])))
+    known = ~np.isnan(scores["detection_pct"])
+    interval = session_interval(scores["detection_pct"][known], scores["session"][known])
     false = false_alert_rate(
-        sum(row["episodes"] for row in clean),
-        hours,
-        _mean(clean, "far_epoch", weight="available_clean_h"),
+        int(clean["episodes"].sum()),
+        sum(clean["available_clean_h"].tolist()),
+        _mean(clean["far_epoch"], clean["available_clean_h"]),
     )
-    curve = _survival(events)
-    return Row(
+    curve = _survival(events["detected"] == 1, events["ttfd_s"], events["length_s"])
+    return LeaderboardRow(
         rank=None,
-        detector=task.detector,
-        plugin=task.plugin,
-        plugin_distribution=task.plugin_distribution,
-        plugin_version=task.plugin_version,
-        parameters=task.parameters,
-        baseline=task.plugin_distribution == BASELINES,
+        detector=task["detector"],
+        plugin=task["plugin"],
+        plugin_distribution=task["plugin_distribution"],
+        plugin_version=task["plugin_version"],
+        parameters=task["parameters"],
+        baseline=task["plugin_distribution"] == BASELINES,
         keeps_target=None
         if false.per_hour_lo is None
-        else false.per_hour_lo <= task.target_far_per_hour,
-        detection_pct=_mean(detected, "detection_pct"),
+        else false.per_hour_lo <= task["target_far_per_hour"],
+        detection_pct=_mean(scores["detection_pct"]),
         detection_pct_lo=None if interval is None else interval[0],
         detection_pct_hi=None if interval is None else interval[1],
         restricted_mean_ttfd_s=None if curve is None else curve.restricted_mean_s(horizon_s),
         ttfd_median_s=None if curve is None else curve.quantile_s(0.5),
         ttfd_p90_s=None if curve is None else curve.quantile_s(0.9),
+        longest_attack_s=_over(max, events["length_s"]),
         **_missed_over_attacks(events),
         far_per_hour=false.per_hour,
         far_per_hour_lo=false.per_hour_lo,
         far_per_hour_hi=false.per_hour_hi,
         far_floor_per_hour=false.floor_per_hour,
         far_epoch=false.epoch,
-        availability=_mean(clean, "availability", weight="epochs"),
-        position_error_at_detection_m=_over(median, events, "position_error_at_detection_m"),
+        availability=_mean(clean["availability"], clean["epochs"]),
+        position_error_at_detection_m=_over(median, events["position_error_at_detection_m"]),
         largest_undetected_position_error_m=_over(
-            max, events, "largest_undetected_position_error_m"
+            max, events["largest_undetected_position_error_m"]
         ),
-        partial_auc=_mean(scores, "partial_auc"),
-        **_counts(scores),
+        partial_auc=_mean(scores["partial_auc"]),
+        **_counts(scores["status"]),
     )
 
 
-def _cell(
-    detector: str, attack: str, all_scores: Sequence[_Cells], all_events: Sequence[_Cells]
-) -> Cell:
-    scores, events = (
-        _of(rows, detector=detector, attack=attack) for rows in (all_scores, all_events)
+def _cells(
+    scores: _Columns, events: _Columns, detectors: Sequence[str], attacks: Sequence[str]
+) -> dict[tuple[str, str], LeaderboardCell]:
+    """The cells of these detectors and attacks by both names."""
+    names = [(detector, attack) for detector in detectors for attack in attacks]
+    own, faced = (
+        _groups(
+            np.where(
+                (columns["detector"] < 0) | (columns["attack"] < 0),
+                -1,
+                columns["detector"].astype(np.int64) * len(attacks) + columns["attack"],
+            ),
+            len(names),
+        )
+        for columns in (scores, events)
     )
-    curve = _survival(events)
-    return Cell(
-        detector=detector,
-        attack=attack,
-        detection_pct=_mean(scores, "detection_pct"),
-        **_missed(events),
-        ttfd_median_s=None if curve is None else curve.quantile_s(0.5),
-        **_counts(scores),
-    )
+    detected, ttfd_s, length_s = events["detected"] == 1, events["ttfd_s"], events["length_s"]
+    cells = {}
+    for (detector, attack), rows, event_rows in zip(names, own, faced, strict=True):
+        hits = detected[event_rows]
+        curve = _survival(hits, ttfd_s[event_rows], length_s[event_rows])
+        cells[detector, attack] = LeaderboardCell(
+            detector=detector,
+            attack=attack,
+            detection_pct=_mean(scores["detection_pct"][rows]),
+            **_missed(hits),
+            ttfd_median_s=None if curve is None else curve.quantile_s(0.5),
+            **_counts(scores["status"][rows]),
+        )
+    return cells
 
 
-def _ranked(rows: Sequence[Row]) -> tuple[Row, ...]:
+def _ranked(rows: Sequence[LeaderboardRow]) -> tuple[LeaderboardRow, ...]:
     """Put the best first and number them, equals equally; rows without a detection percentage come
     last, without number.
     """
 
-    def key(row: Row) -> tuple[int, float, float]:
+    def key(row: LeaderboardRow) -> tuple[int, float, float]:
         mean_s = float("inf") if row.restricted_mean_ttfd_s is None else row.restricted_mean_ttfd_s
         return {True: 0, False: 1, None: 2}[row.keeps_target], -(row.detection_pct or 0.0), mean_s
 
     able = sorted((row for row in rows if row.detection_pct is not None), key=key)
-    keys = [key(row) for row in able]
+    rank: dict[tuple[int, float, float], int] = {}
+    for index, row in enumerate(able):
+        rank.setdefault(key(row), index + 1)
     return (
-        *(replace(row, rank=keys.index(key(row)) + 1) for row in able),
+        *(replace(row, rank=rank[key(row)]) for row in able),
         *(row for row in rows if row.detection_pct is None),
     )
 
 
-def _of(rows: Sequence[_Cells], **wanted: str | None) -> list[_Cells]:
-    return [row for row in rows if all(row[name] == value for name, value in wanted.items())]
-
-
-def _mean(rows: Sequence[_Cells], name: str, weight: str | None = None) -> float | None:
+def _mean(values: Floats, weights: Floats | None = None) -> float | None:
     """Mean of the known values, None where there are none or they weigh nothing."""
-    known = [
-        (row[name], 1.0 if weight is None else row[weight]) for row in rows if row[name] is not None
-    ]
-    total = sum(w for _, w in known)
-    return sum(value * w for value, w in known) / total if total else None
+    known = ~np.isnan(values)
+    weight = np.ones(values.size) if weights is None else weights
+    total = sum(weight[known].tolist())
+    return sum((values[known] * weight[known]).tolist()) / total if total else None
 
 
-def _over(
-    function: Callable[[list[float]], float], rows: Sequence[_Cells], name: str
-) -> float | None:
-    known = [row[name] for row in rows if row[name] is not None]
+def _over(function: Callable[[list[float]], float], values: Floats) -> float | None:
+    known = values[~np.isnan(values)].tolist()
     return function(known) if known else None
 
 
-def _survival(events: Sequence[_Cells]) -> Survival | None:
-    observed_s = [event["ttfd_s"] if event["detected"] else event["length_s"] for event in events]
-    return survival(observed_s, [event["detected"] for event in events])
+def _survival(detected: Bools, ttfd_s: Floats, length_s: Floats) -> SurvivalCurve | None:
+    return survival_curve(np.where(detected, ttfd_s, length_s), detected)
 
 
-def _missed(events: Sequence[_Cells]) -> dict[str, Any]:
+def _missed(detected: Bools) -> dict[str, Any]:
     """P_MD over the intervals of one attack with its exact interval, and what it is made of."""
-    detected = sum(event["detected"] for event in events)
-    p_md = proportion(len(events) - detected, len(events))
+    hits = int(detected.sum())
+    p_md = proportion(detected.size - hits, detected.size)
     value, lo, hi = (None, None, None) if p_md is None else (p_md.value, p_md.lo, p_md.hi)
     return {
         "p_md": value,
         "p_md_lo": lo,
         "p_md_hi": hi,
-        "detected": detected,
-        "events": len(events),
+        "detected": hits,
+        "events": detected.size,
     }
 
 
-def _missed_over_attacks(events: Sequence[_Cells]) -> dict[str, Any]:
+def _missed_over_attacks(events: _Columns) -> dict[str, Any]:
     """The same over several attacks, whose windows on one recording are not independent: its
     interval goes by sessions.
     """
-    interval = session_interval(
-        [float(not event["detected"]) for event in events], [event["session"] for event in events]
-    )
-    lo, hi = (None, None) if interval is None else interval
-    return _missed(events) | {"p_md_lo": lo, "p_md_hi": hi}
+    detected = events["detected"] == 1
+    lo, hi = session_interval(~detected, events["session"]) or (None, None)
+    return _missed(detected) | {"p_md_lo": lo, "p_md_hi": hi}
 
 
-def _counts(scores: Sequence[_Cells]) -> dict[str, int]:
-    statuses = [row["status"] for row in scores]
-    counts = {status: statuses.count(status) for status in ("ok", "skipped", "not_modelled")}
-    return counts | {"failed": sum(status in FAILURES for status in statuses)}
+def _counts(status: Ints) -> dict[str, int]:
+    """Numbers of tasks; statuses are codes."""
+    counts = dict(zip(_STATUSES, np.bincount(status, minlength=6).tolist(), strict=True))
+    return {
+        "ok": counts["ok"],
+        "failed": sum(counts[name] for name in FAILURES),
+        "skipped": counts["skipped"],
+        "not_modelled": counts["not_modelled"],
+    }

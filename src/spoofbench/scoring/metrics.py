@@ -1,27 +1,23 @@
-"""What a detector did: false alerts, detections, events. Pure functions on arrays; None where there
-is nothing to measure.
+"""What a detector did: false alerts, detections, events. Pure functions on arrays.
 
-Arrays have shape ``(n,)``, one value per epoch of the scoring grid unless said otherwise. An alert
-where the detector is unavailable is none.
+Arrays have shape ``(n,)``, one value per epoch of the scoring grid unless said otherwise; times are
+nanoseconds on the recording's clock. Where a detector is unavailable it does not alert. Where there
+is nothing to measure, functions return None.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Floats, Times
 from spoofbench.recording import Interval
 from spoofbench.scoring.statistics import poisson_rate
 
-Times = NDArray[np.int64]
-Flags = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-
-APART_NS = 10_000_000_000
+MIN_SEPARATION_NS = 10_000_000_000
 """Alerts less than this apart are one episode."""
 
-AGAIN_NS = 60_000_000_000
+MAX_EPISODE_NS = 60_000_000_000
 """An episode counts again whenever it has lasted this much longer."""
 
 
@@ -52,6 +48,7 @@ class Event:
     """One attack interval and its first detection.
 
     Attributes:
+        interval: the attack.
         alert_before: an alert was on when it began.
         detection_ns: time of the first detection within it; None where it was missed.
     """
@@ -67,26 +64,17 @@ class Event:
     @property
     def ttfd_s(self) -> float | None:
         """Time to first detection: first alert minus start."""
-        return (
-            None
-            if self.detection_ns is None
-            else (self.detection_ns - self.interval.start_ns) / 1e9
-        )
-
-    @property
-    def observed_s(self) -> float:
-        """Time to first detection, censored at the attack's length."""
-        ttfd_s = self.ttfd_s
-        return self.interval.duration_s if ttfd_s is None else ttfd_s
+        at_ns = self.detection_ns
+        return None if at_ns is None else (at_ns - self.interval.start_ns) / 1e9
 
 
-def share(part: Flags, whole: Flags) -> float | None:
-    """Return which share of the epochs of ``whole`` are in ``part`` too."""
+def share(part: Bools, whole: Bools) -> float | None:
+    """Return the share of the epochs of ``whole`` that are in ``part`` too, 0 to 1."""
     return int((part & whole).sum()) / int(whole.sum()) if whole.any() else None
 
 
-def count_episodes(time_ns: Times, alert: Flags, counted: Flags, epoch_ns: int) -> int:
-    """Count alarm episodes on the counted epochs.
+def count_episodes(time_ns: Times, alert: Bools, counted: Bools, epoch_ns: int) -> int:
+    """Count the alarm episodes on the epochs that ``counted`` marks.
 
     Alerts less than 10 s apart are one episode, and an episode counts again for every 60 s from its
     first to its last alert. Both run on a clock that stands still at epochs that do not count, such
@@ -97,19 +85,25 @@ def count_episodes(time_ns: Times, alert: Flags, counted: Flags, epoch_ns: int) 
     on_ns = clock_ns[alert & counted]
     if on_ns.size == 0:
         return 0
-    begins = np.flatnonzero(np.append(True, np.diff(on_ns) >= APART_NS))
+    begins = np.flatnonzero(np.append(True, np.diff(on_ns) >= MIN_SEPARATION_NS))
     ends = np.append(begins[1:], on_ns.size) - 1
-    return int((1 + (on_ns[ends] - on_ns[begins]) // AGAIN_NS).sum())
+    return int((1 + (on_ns[ends] - on_ns[begins]) // MAX_EPISODE_NS).sum())
 
 
 def false_alerts(
-    time_ns: Times, alert: Flags, counted: Flags, epoch_ns: int, raised: Flags | None = None
+    time_ns: Times, alert: Bools, counted: Bools, epoch_ns: int, raised: Bools | None = None
 ) -> FalseAlerts:
-    """Return the false alerts on the available clean epochs, which ``counted`` marks.
+    """Return the false alerts on the available clean epochs.
 
-    Each epoch stands for the time since the one before it, the first for ``epoch_ns``. ``raised``
-    marks epochs since whose predecessor any decision was an alert: what may count as a detection
-    counts as a false alert.
+    Each epoch stands for the time since the one before it, the first for ``epoch_ns``.
+
+    Args:
+        time_ns: epochs, increasing.
+        alert: whether the detector alerts at each.
+        counted: whether the detector is available and the epoch clean.
+        epoch_ns: nominal interval of the grid.
+        raised: whether any decision since the epoch before was an alert: what may count as a
+            detection counts as a false alert. Default: ``alert``.
     """
     hours = int(_steps_ns(time_ns, epoch_ns)[counted].sum()) / 3.6e12
     alarm = alert if raised is None else alert | raised
@@ -123,7 +117,7 @@ def _steps_ns(time_ns: Times, epoch_ns: int) -> Times:
     return np.diff(time_ns, prepend=time_ns[:1] - epoch_ns)
 
 
-def raised_since(time_ns: Times, at_ns: Times, alert: Flags) -> Flags:
+def raised_since(time_ns: Times, at_ns: Times, alert: Bools) -> Bools:
     """Whether an alert was decided after the epoch before and up to each epoch, bool ``(n,)``.
 
     Args:
@@ -131,12 +125,15 @@ def raised_since(time_ns: Times, at_ns: Times, alert: Flags) -> Flags:
         at_ns, alert: decisions, ``(m,)``.
     """
     alerts = np.concatenate([[0], np.cumsum(alert)])[np.searchsorted(at_ns, time_ns, "right")]
-    raised: Flags = np.diff(alerts, prepend=alerts[:1]) > 0
+    raised: Bools = np.diff(alerts, prepend=alerts[:1]) > 0
     return raised
 
 
 def false_alert_rate(episodes: int, hours: float, epoch: float | None) -> FalseAlerts:
-    """Return the false-alert rate of so many episodes in so many available clean hours."""
+    """Return the false-alert rate of so many episodes in so many available clean hours.
+
+    ``epoch`` is the alerted share of the epochs, handed on as it is.
+    """
     rate = poisson_rate(episodes, hours)
     if rate is None:
         return FalseAlerts(episodes, hours, None, None, None, None, epoch)
@@ -144,10 +141,9 @@ def false_alert_rate(episodes: int, hours: float, epoch: float | None) -> FalseA
 
 
 def detection_pct(
-    alert: Flags, available: Flags, spoofed: Flags
+    alert: Bools, available: Bools, spoofed: Bools
 ) -> tuple[float | None, float | None]:
-    """Return the alerted percentage of all spoofed epochs, and of those at which the detector was
-    available.
+    """Return the alerted percentage of all spoofed epochs and of the available spoofed epochs.
 
     In the first, unavailable epochs count as missed (Lo et al. 2017, Table 2).
     """
@@ -155,13 +151,16 @@ def detection_pct(
 
 
 def find_events(
-    time_ns: Times, alert: Flags, available: Flags, intervals: Sequence[Interval]
+    time_ns: Times, alert: Bools, available: Bools, intervals: Sequence[Interval]
 ) -> list[Event]:
     """Find the first detection of each attack interval.
 
-    The arrays are the detector's decisions at their own times. A detection is a rising edge: where
-    an alert is already on when the attack begins, a new one after a decision without alert.
-    Unavailable decisions clear nothing.
+    A detection is a rising edge: where an alert is already on when the attack begins, a new one
+    after a decision without alert. Unavailable decisions clear nothing.
+
+    Args:
+        time_ns, alert, available: the detector's decisions at their own times, shape ``(m,)``.
+        intervals: of the attacks.
     """
     time_ns, alert = time_ns[available], alert[available]
     rising = alert & ~np.append(False, alert[:-1])
@@ -177,18 +176,15 @@ def find_events(
 def error_at(time_ns: Times, position_error_m: Floats, at_ns: int) -> float | None:
     """Return the position error at the latest epoch at or before a time."""
     row = int(np.searchsorted(time_ns, at_ns, "right")) - 1
-    return (
-        None if row < 0 or not np.isfinite(position_error_m[row]) else float(position_error_m[row])
-    )
+    known = row >= 0 and np.isfinite(position_error_m[row])
+    return float(position_error_m[row]) if known else None
 
 
-def largest_error(position_error_m: Floats, epochs: Flags) -> float | None:
-    """Return the largest known position error over these epochs, such as spoofed ones without
-    alert.
-    """
+def largest_error(position_error_m: Floats, epochs: Bools) -> float | None:
+    """Return the largest known position error over these epochs."""
     known = position_error_m[epochs & np.isfinite(position_error_m)]
     return float(known.max()) if known.size else None
 
 
-def _pct(part: Flags, whole: Flags) -> float | None:
+def _pct(part: Bools, whole: Bools) -> float | None:
     return 100 * int((part & whole).sum()) / int(whole.sum()) if whole.any() else None

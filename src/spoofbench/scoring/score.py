@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Floats
 from spoofbench.detector import Decisions
 from spoofbench.errors import ResultsError
 from spoofbench.results import (
@@ -37,11 +37,12 @@ from spoofbench.scoring.metrics import (
     raised_since,
     share,
 )
-from spoofbench.scoring.statistics import partial_auc, roc
+from spoofbench.scoring.statistics import partial_auc, roc_curve
 
 P_FA_LIMIT = 0.01
 """Largest P_FA per epoch that the partial area under the ROC curve looks at."""
 
+# what the figures are, and their units, is said where they are computed: spoofbench.scoring.metrics
 SCORE_SCHEMA = pa.schema(
     [
         ("recording", pa.string()),
@@ -93,14 +94,16 @@ EVENT_SCHEMA = pa.schema(
 
 _NEVER_AVAILABLE = Decisions([], [], [])
 _Cells = dict[str, Any]
-_Floats = NDArray[np.float64]
+"""What a row has, by column; the rest is null."""
 
 
 def score_folder(folder: Path) -> None:
     """Write ``scores.parquet`` and ``events.parquet``: same folder, same bytes.
 
-    ``detected`` and ``ttfd_s`` of a task are those of its first attack interval; the events have
-    them all.
+    The truth of a variant is read once, unattacked variants first: the ROC curve of an attacked
+    task needs the scores of its detector on the clean recording. ``detected``, ``ttfd_s`` and
+    ``position_error_at_detection_m`` of a task are those of its first attack interval; the events
+    have them all.
 
     Raises:
         ResultsError: a file of the folder is missing or damaged.
@@ -110,7 +113,7 @@ def score_folder(folder: Path) -> None:
         _identity(task) | {"status": task.status, "reason": task.reason} for task in tasks
     ]
     events: list[list[_Cells]] = [[] for _ in tasks]
-    clean_scores: dict[tuple[str, str], _Floats] = {}
+    clean_scores: dict[tuple[str, str], Floats] = {}
 
     def by_variant(index: int) -> tuple[bool, str]:
         return tasks[index].attack is not None, tasks[index].variant_id
@@ -160,29 +163,27 @@ def _decisions(folder: Path, task: Task) -> Decisions:
     return outcome.decisions
 
 
-def _clean(truth: Truth, task: Task) -> NDArray[np.bool_]:
-    """Epochs neither spoofed nor within the release guard."""
-    return ~(
-        within(truth.time_ns, truth.intervals)
-        | release_guard(truth.time_ns, truth.intervals, task.memory_s)
-    )
+def _clean(truth: Truth, task: Task) -> Bools:
+    """Epochs neither spoofed nor within the release guard, ``(n,)``."""
+    guard = release_guard(truth.time_ns, truth.intervals, task.memory_s)
+    return ~(within(truth.time_ns, truth.intervals) | guard)
 
 
-def _alerts(task: Task, truth: Truth, decisions: Decisions, score: _Floats) -> _Cells:
+def _alerts(task: Task, truth: Truth, decisions: Decisions, score: Floats) -> _Cells:
     """Alerts over all epochs and, of an unattacked task, false alerts over the clean ones."""
     available, alert, every = ~np.isnan(score), score > 1, np.ones(score.size, bool)
-    cells: _Cells = {
+    of_all: _Cells = {
         "epochs": score.size,
         "availability": share(available, every),
         "alert_fraction": share(alert, every),
     }
     if task.attack is not None:
-        return cells
+        return of_all
     raised = raised_since(truth.time_ns, decisions.time_ns, decisions.alert)
     false = false_alerts(
         truth.time_ns, alert, available & _clean(truth, task), truth.epoch_ns, raised
     )
-    return cells | {
+    return of_all | {
         "far_per_hour": false.per_hour,
         "far_per_hour_lo": false.per_hour_lo,
         "far_per_hour_hi": false.per_hour_hi,
@@ -193,7 +194,7 @@ def _alerts(task: Task, truth: Truth, decisions: Decisions, score: _Floats) -> _
     }
 
 
-def _detection(truth: Truth, score: _Floats, events: list[_Cells]) -> _Cells:
+def _detection(truth: Truth, score: Floats, events: list[_Cells]) -> _Cells:
     alert = score > 1
     over_all, over_available = detection_pct(alert, ~np.isnan(score), truth.spoofed)
     first = events[0] if events else {}
@@ -210,14 +211,12 @@ def _detection(truth: Truth, score: _Floats, events: list[_Cells]) -> _Cells:
     }
 
 
-def _events(
-    task: Task, truth: Truth, decisions: Decisions, alert: NDArray[np.bool_]
-) -> list[_Cells]:
+def _events(task: Task, truth: Truth, decisions: Decisions, alert: Bools) -> list[_Cells]:
     found = find_events(decisions.time_ns, decisions.alert, decisions.available, truth.intervals)
     return [_identity(task) | _event(truth, event, alert) for event in found]
 
 
-def _event(truth: Truth, event: Event, alert: NDArray[np.bool_]) -> _Cells:
+def _event(truth: Truth, event: Event, alert: Bools) -> _Cells:
     error_m, at_ns = truth.position_error_m, event.detection_ns
     return {
         "start_ns": event.interval.start_ns,
@@ -235,6 +234,6 @@ def _event(truth: Truth, event: Event, alert: NDArray[np.bool_]) -> _Cells:
     }
 
 
-def _partial_auc(clean_score: _Floats | None, spoofed_score: _Floats) -> float | None:
-    curve = None if clean_score is None else roc(clean_score, spoofed_score)
+def _partial_auc(clean_score: Floats | None, spoofed_score: Floats) -> float | None:
+    curve = None if clean_score is None else roc_curve(clean_score, spoofed_score)
     return None if curve is None else partial_auc(*curve, P_FA_LIMIT)

@@ -8,6 +8,7 @@ from urllib.parse import urlencode
 import pytest
 
 from spoofbench.report import write_site
+from spoofbench.scoring.leaderboard import leaderboard
 
 CHROMIUM = (
     shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -33,7 +34,7 @@ def visit(browser, tmp_path):
     asked, complaints, contexts = [], [], []
 
     def open_page(folder, fragment="", **options):
-        path = write_site(folder, tmp_path / f"site{len(contexts)}")
+        path = write_site(folder, leaderboard(folder), tmp_path / f"site{len(contexts)}")
         context = browser.new_context(**options)
         contexts.append(context)
         page = context.new_page()

@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spoofbench.detector import Decisions
-from spoofbench.report.traces import (
+from spoofbench.report.runs import (
     ABSENT_DM,
     INFINITE,
     STEPS,
     UNAVAILABLE,
-    Plane,
-    Pool,
+    ArrayPool,
+    TangentPlane,
     milliseconds,
     pack_scores,
     thinned,
@@ -66,7 +66,7 @@ def test_thinning_keeps_extremes_alerts_and_gaps_of_every_stretch(n, limit, rand
 
 def test_the_plane_keeps_lengths_near_its_origin_and_marks_absence():
     metre_deg = 1 / 111_132.95  # of latitude at 45 degrees (meridional radius 6,367,382 m)
-    plane = Plane(45.0, 7.0)
+    plane = TangentPlane(45.0, 7.0)
     dm = plane.east_north_dm(
         np.array([45.0, 45.0 + 100 * metre_deg, np.nan]), np.array([7.0, 7.0, 7.0])
     )
@@ -81,7 +81,7 @@ def test_times_are_rounded_to_the_nearest_millisecond():
 
 
 def test_equal_arrays_are_stored_once():
-    pool = Pool()
+    pool = ArrayPool()
     assert [pool.add([1, 2], "<i4"), pool.add([3], "<i2"), pool.add(np.array([1, 2]), "<i4")] == [
         0,
         1,

@@ -7,12 +7,13 @@ import pytest
 from rich.console import Console
 
 from spoofbench.report import markdown, print_leaderboard
+from spoofbench.report.leaderboard_table import COLUMNS
 from spoofbench.scoring.leaderboard import leaderboard
 
 
 def terminal(folder, width=80):
     console = Console(file=io.StringIO(), width=width, force_terminal=False)
-    print_leaderboard(folder, console)
+    print_leaderboard(leaderboard(folder), console)
     return console.file.getvalue()
 
 
@@ -40,7 +41,7 @@ def test_many_attacks_take_several_tables(make, tmp_path):
 
 
 def test_unknown_is_a_dash(folder):
-    table = [line for line in markdown(folder).splitlines() if line.startswith("|")]
+    table = [line for line in markdown(leaderboard(folder)).splitlines() if line.startswith("|")]
     by_attack = {cells(line)[0]: cells(line)[1:] for line in table[-3:]}
     assert by_attack["correlation"][1] == "-"
     assert by_attack["n" * 64] == ["0.0", "0.0"]
@@ -49,7 +50,7 @@ def test_unknown_is_a_dash(folder):
 
 
 def test_both_say_what_the_thresholds_are_and_what_the_numbers_rest_on(folder):
-    for text in (" ".join(terminal(folder).split()), markdown(folder)):
+    for text in (" ".join(terminal(folder).split()), markdown(leaderboard(folder))):
         assert "published ones" in text
         assert "Target FA/h: 1;" in text
         assert "3 detectors; 2 attacks, 6 attacked variants; 1 recording, 1 session, 0.17 h" in text
@@ -57,7 +58,7 @@ def test_both_say_what_the_thresholds_are_and_what_the_numbers_rest_on(folder):
 
 def test_terminal_and_markdown_have_the_same_figures(folder):
     printed = terminal(folder)
-    for line in markdown(folder).splitlines():
+    for line in markdown(leaderboard(folder)).splitlines():
         if line.startswith("| 1 |"):
             assert all(figure.replace("\\", "") in printed for figure in cells(line))
             return
@@ -65,7 +66,7 @@ def test_terminal_and_markdown_have_the_same_figures(folder):
 
 
 def test_hostile_names_stay_one_cell_and_plain_text(hostile_folder):
-    text = markdown(hostile_folder)
+    text = markdown(leaderboard(hostile_folder))
     tables = [line for line in text.splitlines() if line.startswith("|")]
     assert {len(cells(line)) for line in tables} == {10, 3}
     assert not re.search(r"(?<!\\)<", text)
@@ -76,5 +77,26 @@ def test_hostile_names_stay_one_cell_and_plain_text(hostile_folder):
 
 def test_failures_are_counted(folder):
     failing = next(row for row in leaderboard(folder).rows if row.detector == "n" * 64)
-    line = next(line for line in markdown(folder).splitlines() if "n" * 64 in line)
+    line = next(line for line in markdown(leaderboard(folder)).splitlines() if "n" * 64 in line)
     assert cells(line)[9] == str(failing.failed) == "7"
+
+
+def test_every_column_is_declared_with_what_its_figures_are():
+    assert all(column.unit or column.title in ("Rank", "Detector") for column in COLUMNS)
+    explained = {column.title for column in COLUMNS if column.term and column.definition}
+    assert explained == {column.title for column in COLUMNS} - {"Detector", "90 %"}
+
+
+def test_legend_and_headings_are_those_of_the_columns(folder):
+    printed, text = terminal(folder), markdown(leaderboard(folder))
+    head = cells(next(line for line in text.splitlines() if line.startswith("|")))
+    shown = [column for column in COLUMNS if column.heading]
+    assert [name for name in head if name != "95 %"] == [
+        column.heading.replace("\n", " ") + column.heading_unit for column in shown
+    ]
+    for column in shown:
+        assert all(part in printed for part in column.heading.lower().split("\n")) or (
+            all(part in printed for part in column.heading.split("\n"))
+        )
+        if column.legend:
+            assert f"{column.legend[0]}: {column.legend[1]}" in " ".join(printed.split())
