@@ -1,8 +1,10 @@
 """The detector's contract: a recording in, decisions out, causally.
 
-A detector is a frozen dataclass whose fields are its parameters. It gets the kinds that it declares
-of a blind recording (see :meth:`spoofbench.recording.Recording.blind`) and returns one
-:class:`Decisions`.
+A detector is a frozen dataclass whose fields are its parameters, behind an entry point of the group
+``spoofbench.detectors``. It gets the kinds that it declares of a blind recording (see
+:meth:`spoofbench.recording.Recording.blind`) and returns one :class:`Decisions`. What it may do
+besides is a protocol of its own: :class:`Trainable`, :class:`Baseline`. Tools for the way there are
+in :mod:`spoofbench.navigation`; who thinks in steps takes :func:`stepwise`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -11,8 +13,9 @@ from functools import partial
 from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spoofbench.arrays import Bools, Floats, Times
 from spoofbench.errors import PluginError, RecordingError
 from spoofbench.recording import Interval, Recording
 from spoofbench.schema import split_topic
@@ -21,21 +24,21 @@ from spoofbench.table import Table, frozen
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decisions:
-    """A detector's word over time, arrays of shape ``(n,)``.
+    """What a detector decides over time, arrays of shape ``(n,)``.
 
     Attributes:
         time_ns: int64, strictly increasing; a decision at t rests on rows at or before t alone.
         score: float64, the test statistic over its threshold: above 1 is an alert. Finite or +inf
             where available.
-        available: bool, whether the detector could tell.
+        available: bool, whether the detector could decide; where not, the score is NaN.
 
     Raises:
         PluginError: shapes differ, time does not increase, or an available score is NaN.
     """
 
-    time_ns: NDArray[np.int64]
-    score: NDArray[np.float64]
-    available: NDArray[np.bool_]
+    time_ns: Times
+    score: Floats
+    available: Bools
 
     def __init__(self, time_ns: ArrayLike, score: ArrayLike, available: ArrayLike) -> None:
         times, scores, usable = (
@@ -63,14 +66,14 @@ class Decisions:
         object.__setattr__(self, "available", frozen(usable))
 
     @property
-    def alert(self) -> NDArray[np.bool_]:
-        """Available and score above 1."""
+    def alert(self) -> Bools:
+        """Where it alerts: available and score above 1, bool ``(n,)``."""
         return self.available & (self.score > 1)
 
 
 @runtime_checkable
 class Detector(Protocol):
-    """A spoofing detector; it refuses parameters that make no sense by ``ValueError``.
+    """A spoofing detector; it refuses invalid parameters by ``ValueError``.
 
     Attributes:
         requires: kinds without which it cannot run.
@@ -90,10 +93,30 @@ class Detector(Protocol):
         ...
 
 
+@runtime_checkable
+class Baseline(Detector, Protocol):
+    """A detector that others must beat, such as chance or the receiver's own word.
+
+    Attributes:
+        baseline: whether it is one; leaderboards mark it.
+    """
+
+    @property
+    def baseline(self) -> bool: ...
+
+
+def is_baseline(detector: Detector) -> bool:
+    """Return whether a detector says that it is a :class:`Baseline`."""
+    return isinstance(detector, Baseline) and bool(detector.baseline)
+
+
 @dataclass(frozen=True, slots=True)
 class Labelled:
-    """An attacked recording of the calibration split, blind, with the intervals in which it is
-    attacked.
+    """An attacked recording of the calibration split.
+
+    Attributes:
+        recording: blind.
+        attacked: the intervals in which it is attacked.
     """
 
     recording: Recording
@@ -114,13 +137,12 @@ def detect(
 ) -> Decisions:
     """Run a detector on the kinds that it declares of the blind part of a recording.
 
-    Variants lack the kinds that their attack does not model: whoever saw that would know a variant
-    from a clean recording.
-
     Args:
         detector: what decides.
         recording: blind or not.
-        withheld: kinds that it uses, but is to do without.
+        withheld: kinds that it uses, but is to do without. A variant lacks the kinds that its
+            attack does not model; a detector that saw them in the clean recording alone would know
+            the variant by that.
 
     Raises:
         RecordingError: the recording lacks a kind that the detector requires.
@@ -139,7 +161,7 @@ def detect(
 
 
 def _declared(blind: Recording, kinds: set[str]) -> Recording:
-    """The tables of these kinds, and what the metadata say of them and their sources."""
+    """Return the tables of these kinds, and what the metadata say of them and their sources."""
     topics = [topic for topic in blind if split_topic(topic)[1] in kinds]
     present = {split_topic(topic)[1] for topic in topics}
     sources = {f"source/{split_topic(topic)[0]}" for topic in topics}
@@ -159,15 +181,15 @@ def _declared(blind: Recording, kinds: set[str]) -> Recording:
     )
 
 
-Step = tuple[str, Table]
-"""One event of a stepwise detector: the topic, and a table of the rows that bear one time."""
+Event = tuple[str, Table]
+"""What a stepwise detector gets: the topic, and a table of one row."""
 
 
 def stepwise(
     recording: Recording,
     clock: str,
     others: Sequence[str],
-    think: Callable[[Iterator[Step]], Iterator[float | None]],
+    score_events: Callable[[Iterator[Event]], Iterator[float | None]],
 ) -> Decisions:
     """Let a generator decide at each row of the primary ``clock`` kind: causal by construction.
 
@@ -176,8 +198,8 @@ def stepwise(
         clock: kind whose primary rows ask for a decision, such as ``gnss/pvt``.
         others: further kinds whose primary rows the generator gets; rows of all kinds come in the
             order of time, at equal times the clock's last.
-        think: takes the events and yields, for each clock row before it takes the next event, a
-            score or None (unavailable).
+        score_events: a generator that takes the events and yields, for each clock row before it
+            takes the next event, a score or None (unavailable).
 
     Raises:
         RecordingError: the recording lacks the clock.
@@ -197,7 +219,7 @@ def stepwise(
 
     taken = 0
 
-    def events() -> Iterator[Step]:
+    def events() -> Iterator[Event]:
         nonlocal taken
         for index in order.tolist():
             taken += 1
@@ -207,7 +229,7 @@ def stepwise(
     clock_times = recording[clock_topic].time_ns
     due = (np.flatnonzero(owner[order] == len(topics) - 1) + 1).tolist()
     scores: list[float | None] = []
-    for score_of_row in think(events()):
+    for score_of_row in score_events(events()):
         if len(scores) < len(due) and taken > due[len(scores)]:
             raise PluginError(
                 f"a stepwise detector took further events before its score for row {len(scores)} "
@@ -220,5 +242,5 @@ def stepwise(
             f"{clock!r}"
         )
     score = np.array([np.nan if value is None else value for value in scores], float)
-    last = np.searchsorted(clock_times, np.unique(clock_times), "right") - 1
+    last = np.searchsorted(clock_times, np.unique(clock_times), "right") - 1  # row of each time
     return Decisions(clock_times[last], score[last], ~np.isnan(score[last]))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spoofbench.detector import Decisions, Detector, Step, Trainable, detect, stepwise
+from spoofbench.detector import Decisions, Detector, Event, Trainable, detect, is_baseline, stepwise
 from spoofbench.errors import PluginError, RecordingError
 from spoofbench.recording import Recording
 from spoofbench.table import Table
@@ -123,6 +123,16 @@ def test_the_protocols_tell_detectors_from_trainable_ones() -> None:
     assert not isinstance(object(), Detector)
 
 
+def test_a_baseline_says_so_itself() -> None:
+    @dataclass(frozen=True)
+    class Chance(Watcher):
+        baseline: bool = True
+
+    assert is_baseline(Chance(NOTHING))
+    assert not is_baseline(Chance(NOTHING, baseline=False))
+    assert not is_baseline(Watcher(NOTHING))
+
+
 def recording_of(clock: list[int], other: list[int]) -> Recording:
     pvt = Table(
         "gnss/pvt", np.array(clock, np.int64), {"height_m": np.arange(len(clock), dtype=float)}
@@ -138,30 +148,22 @@ times = st.lists(st.integers(0, 20), max_size=15).map(sorted)
 
 @given(times, times)
 def test_stepwise_gives_the_events_in_the_order_of_time(clock: list[int], other: list[int]) -> None:
-    events: list[tuple[int, str, float]] = []
+    seen: list[tuple[int, str, float]] = []
 
-    def think(steps: Iterator[Step]) -> Iterator[float | None]:
-        for topic, row in steps:
+    def score_events(events: Iterator[Event]) -> Iterator[float | None]:
+        for topic, row in events:
             assert len(row) == 1
             is_clock = topic == "/gnss0/gnss/pvt"
-            events.append(
-                (
-                    int(row.time_ns[0]),
-                    topic,
-                    float(row["height_m" if is_clock else "accel_x_mps2"][0]),
-                )
-            )
+            value = float(row["height_m" if is_clock else "accel_x_mps2"][0])
+            seen.append((int(row.time_ns[0]), topic, value))
             if is_clock:
-                yield (
-                    float(sum(topic == "/imu0/imu" for _, topic, _ in events))
-                    if len(events) % 3
-                    else None
-                )
+                others = sum(topic == "/imu0/imu" for _, topic, _ in seen)
+                yield float(others) if len(seen) % 3 else None
 
-    decisions = stepwise(recording_of(clock, other), "gnss/pvt", ["imu"], think)
+    decisions = stepwise(recording_of(clock, other), "gnss/pvt", ["imu"], score_events)
     expected = [(t, 1, "/gnss0/gnss/pvt", float(i)) for i, t in enumerate(clock)]
     expected += [(t, 0, "/imu0/imu", float(i)) for i, t in enumerate(other)]
-    assert events == [
+    assert seen == [
         (t, topic, value)
         for t, _, topic, value in sorted(expected, key=lambda e: (e[0], e[1], e[3]))
     ]
@@ -174,29 +176,33 @@ def test_stepwise_gives_the_events_in_the_order_of_time(clock: list[int], other:
 
 @pytest.mark.parametrize("yielded", [0, 2])
 def test_stepwise_wants_one_score_per_row(yielded: int) -> None:
-    def think(steps: Iterator[Step]) -> Iterator[float | None]:
-        for _ in steps:
+    def score_events(events: Iterator[Event]) -> Iterator[float | None]:
+        for _ in events:
             yield from [0.0] * yielded
 
     with pytest.raises(PluginError, match=f"yielded {3 * yielded} scores for 3 rows of 'gnss/pvt'"):
-        stepwise(recording_of([1, 2, 3], []), "gnss/pvt", [], think)
+        stepwise(recording_of([1, 2, 3], []), "gnss/pvt", [], score_events)
 
 
 @pytest.mark.parametrize("ahead", [1, 2])
 def test_stepwise_refuses_a_look_ahead(ahead: int) -> None:
-    def think(steps: Iterator[Step]) -> Iterator[float | None]:
-        for topic, _ in steps:
+    def score_events(events: Iterator[Event]) -> Iterator[float | None]:
+        for topic, _ in events:
             if topic == "/gnss0/gnss/pvt":
                 for _ in range(ahead):
-                    next(steps, None)
+                    next(events, None)
                 yield 0.0
 
     with pytest.raises(
         PluginError, match="took further events before its score for row 0 of 'gnss/pvt'"
     ):
-        stepwise(recording_of([1, 10, 20], [2, 3, 4, 12, 13, 14]), "gnss/pvt", ["imu"], think)
+        stepwise(
+            recording_of([1, 10, 20], [2, 3, 4, 12, 13, 14]), "gnss/pvt", ["imu"], score_events
+        )
 
 
 def test_stepwise_needs_its_clock() -> None:
     with pytest.raises(RecordingError, match="has no 'gnss/clock'"):
-        stepwise(recording_of([1], [1]), "gnss/clock", [], lambda steps: iter([0.0 for _ in steps]))
+        stepwise(
+            recording_of([1], [1]), "gnss/clock", [], lambda events: iter([0.0 for _ in events])
+        )

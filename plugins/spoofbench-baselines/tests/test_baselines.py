@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spoofbench_baselines import Always, Never, Periodic, Random, ReceiverFlag
 
-from spoofbench.detector import detect
+from spoofbench.detector import Detector, detect, is_baseline
 from spoofbench.recording import Recording
 from spoofbench.table import Column, Table
 from spoofbench.testing import check_detector, drive
@@ -51,6 +51,11 @@ def test_random_keeps_the_contract(check: Callable[[], None]) -> None:
 @check_detector("receiver-flag")
 def test_receiver_flag_keeps_the_contract(check: Callable[[], None]) -> None:
     check()
+
+
+@pytest.mark.parametrize("detector", [Never(), Always(), Periodic(), Random(), ReceiverFlag()])
+def test_they_say_that_they_are_baselines(detector: Detector) -> None:
+    assert is_baseline(detector)
 
 
 @given(st.floats(1e-3, 1e3))
@@ -135,7 +140,7 @@ def test_the_hash_is_the_same_on_every_machine() -> None:
     """First outputs of splitmix64 from the states 0 and 1234567, as its authors' reference code
     prints them.
     """
-    from spoofbench_baselines.ignorant import _mixed
+    from spoofbench_baselines.detectors import _mixed
 
     assert _mixed(np.array([0, 1234567], np.uint64)).tolist() == [
         0xE220A8397B1DCDAF,

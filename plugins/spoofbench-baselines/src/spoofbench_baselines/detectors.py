@@ -1,5 +1,6 @@
-"""Detectors that look at nothing but the clock. They decide at every epoch of the primary
-receiver.
+"""Detectors that look at nothing but the clock, and the receiver's own word.
+
+The former decide at every epoch of the primary receiver.
 """
 
 from dataclasses import dataclass
@@ -8,13 +9,18 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Floats, Ints, Times
 from spoofbench.detector import Decisions
+from spoofbench.gnss_time import SECOND_NS
 from spoofbench.recording import Recording
+from spoofbench.schema.v1 import gnss_pb2
 
-SLOT_NS = (
-    1_000_000_000  # chance is drawn once per second of the clock, whatever the receiver's rate
-)
 ALERT = 2.0
+_SCORES = {
+    gnss_pb2.SPOOFING_STATE_NONE: 0.0,
+    gnss_pb2.SPOOFING_STATE_INDICATED: 2.0,
+    gnss_pb2.SPOOFING_STATE_CONFIRMED: 3.0,
+}
 
 
 @dataclass(frozen=True)
@@ -23,6 +29,7 @@ class Never:
 
     requires: ClassVar[tuple[str, ...]] = ("gnss/pvt",)
     uses: ClassVar[tuple[str, ...]] = ()
+    baseline: ClassVar[bool] = True
     memory_s: ClassVar[float] = 0.0
 
     def detect(self, recording: Recording) -> Decisions:
@@ -37,6 +44,7 @@ class Always:
 
     requires: ClassVar[tuple[str, ...]] = ("gnss/pvt",)
     uses: ClassVar[tuple[str, ...]] = ()
+    baseline: ClassVar[bool] = True
     memory_s: ClassVar[float] = 0.0
 
     def detect(self, recording: Recording) -> Decisions:
@@ -47,7 +55,7 @@ class Always:
 
 @dataclass(frozen=True)
 class _Alarms:
-    """Alarms of one length at a mean rate.
+    """Base of detectors whose alarms have one length and a mean rate.
 
     Attributes:
         rate_per_hour: mean number of alarms per hour.
@@ -56,6 +64,7 @@ class _Alarms:
 
     requires: ClassVar[tuple[str, ...]] = ("gnss/pvt",)
     uses: ClassVar[tuple[str, ...]] = ()
+    baseline: ClassVar[bool] = True
 
     rate_per_hour: float = 1.0
     alert_s: float = 30.0
@@ -95,10 +104,10 @@ class Periodic(_Alarms):
 class Random(_Alarms):
     """Alarms whose starts are a Poisson process; those that overlap run together.
 
-    Chance is a stable hash of the seed and the second of the recording's clock, so the past does
-    not depend on the future, and a recording and its variants get the same alarms. The score is the
-    rate over the least rate at which there would be an alarm: scaling it by k is the same as a rate
-    k times as high.
+    Chance is drawn once per second of the recording's clock, as a stable hash of that second and
+    the seed: the past does not depend on the future, and a recording and its variants get the same
+    alarms. The score is the rate over the lowest rate at which there would be an alarm: scaling it
+    by k is the same as a rate k times as high.
 
     Attributes:
         seed: another seed gives other alarms.
@@ -107,22 +116,47 @@ class Random(_Alarms):
     seed: int = 0
 
     def detect(self, recording: Recording) -> Decisions:
-        """Score of the most eager start within the last ``alert_s``."""
+        """Score by the start within the last ``alert_s`` that the lowest rate would have had."""
         time_ns = _epochs(recording)
-        slots = (time_ns // SLOT_NS)[:, None] - np.arange(round(self.alert_s))
-        expected = self.rate_per_hour * SLOT_NS / 3.6e12
+        slots = (time_ns // SECOND_NS)[:, None] - np.arange(round(self.alert_s))
+        expected = self.rate_per_hour * SECOND_NS / 3.6e12
         score = expected / _waiting(slots, self.seed).min(axis=1, initial=np.inf)
         return Decisions(time_ns, score, np.ones(time_ns.size, bool))
 
 
-def _epochs(recording: Recording) -> NDArray[np.int64]:
-    """Distinct times of the primary receiver's epochs, shape ``(n,)``."""
+@dataclass(frozen=True)
+class ReceiverFlag:
+    """Alerts where the receiver indicates or confirms spoofing; where it says nothing, unavailable.
+
+    Decisions stand at the rows of the primary ``gnss/integrity``. How long receivers hold their
+    flags is not known.
+    """
+
+    requires: ClassVar[tuple[str, ...]] = ("gnss/integrity",)
+    uses: ClassVar[tuple[str, ...]] = ()
+    baseline: ClassVar[bool] = True
+    memory_s: ClassVar[float] = 0.0
+
+    def detect(self, recording: Recording) -> Decisions:
+        """Score 0 for none, 2 for indicated, 3 for confirmed; of several rows at one time the last
+        counts.
+        """
+        table = recording.primary("gnss/integrity").last_per_time()
+        states = table["spoofing"]  # 0, unknown, where it is absent
+        score = np.full(states.size, np.nan)
+        for state, value in _SCORES.items():
+            score[states == state] = value
+        return Decisions(table.time_ns, score, ~np.isnan(score))
+
+
+def _epochs(recording: Recording) -> Times:
+    """Return the distinct times of the primary receiver's epochs, ``(n,)``."""
     return np.unique(recording.primary("gnss/pvt").time_ns)
 
 
-def _waiting(slots: NDArray[np.int64], seed: int) -> NDArray[np.float64]:
-    """Exponential variates of mean 1, one per slot: a process of rate r per slot starts there where
-    r exceeds it.
+def _waiting(slots: Ints, seed: int) -> Floats:
+    """Return exponential variates of mean 1, of the shape of the slots: a Poisson process of rate r
+    per slot has a start where r exceeds them.
     """
     key = _mixed(np.array(seed & 0xFFFF_FFFF_FFFF_FFFF, np.uint64))
     uniform = ((_mixed(slots.astype(np.uint64) ^ key) >> np.uint64(12)) + 0.5) / 2.0**52
@@ -130,8 +164,8 @@ def _waiting(slots: NDArray[np.int64], seed: int) -> NDArray[np.float64]:
 
 
 def _mixed(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """One output of the generator splitmix64 (Steele, Lea, Flood 2014) per state: the same on every
-    machine.
+    """Return one output of the generator splitmix64 (Steele, Lea, Flood 2014) per state, of its
+    shape: the same on every machine.
     """
     with np.errstate(over="ignore"):
         bits = bits + np.uint64(0x9E3779B97F4A7C15)
