@@ -76,6 +76,10 @@ def concat_columns(field: Field, columns: Sequence[Column | None], sizes: Sequen
         sizes: rows of each part, whose sum is that of the result.
     """
     if field.category in ("text", "bytes"):
+        if len(given := [c for c in columns if c is not None]) == len(columns) and all(
+            column.words is given[0].words for column in given
+        ):
+            return Column(np.concatenate([column.values for column in given]), None, given[0].words)
         words: dict[Any, int] = {}
         codes = [
             np.full(size, -1, np.int32) if column is None else _recoded(column, words)

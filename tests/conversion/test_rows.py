@@ -1,5 +1,6 @@
 """Rows of a stream come out in the order of time, whatever the cuts; none is lost."""
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -157,3 +158,22 @@ def test_texts_that_are_gone_are_forgotten() -> None:
         (*_,) = buffer.push(named)
     held = buffer.sort(batch([], 3000, set()))[0]
     assert len(held.columns["signal"].words or ()) < 2000
+
+
+def test_rows_that_come_too_late_are_not_held() -> None:
+    buffer = RowBuffer(TOPIC, WINDOW_NS)
+    buffer.sort(batch([(1000, 1, 1.0, None), (1001, 1, 1.0, None)], 0, set()))
+    refused = 0
+    for number in range(2, 102):
+        refused += len(buffer.sort(batch([(1, 1, 1.0, None)], number, set()))[1])
+        assert len(buffer._held) <= 3
+    ready, last = buffer.rest()
+    assert (len(ready), refused + len(last)) == (2, 100)
+
+
+def test_numbers_of_no_field_stay_with_the_rows_but_not_in_the_block() -> None:
+    rows = batch([(1, 1, 1.0, None), (2, 1, 2.0, None)], 0, {"signal"})
+    beside = {**rows.columns, "beside": Column(np.array([5, 6]))}
+    both = RowBatch.concat([rows, replace(rows, columns=beside)])
+    np.testing.assert_array_equal(both.columns["beside"].values, [0, 0, 5, 6])
+    assert "beside" not in both.take(slice(0, 2)).block(TOPIC).table

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.conversion import Columns
 from spoofbench.gnss_time import DAY_NS, GPS_EPOCH_NS, WEEK_NS, leap_seconds_at_gps
+from spoofbench.table import Column
 from spoofbench_converters.phone.contract import positive
-from spoofbench_converters.text.columns import ColumnReader
+from spoofbench_converters.text.columns import ColumnReader, Fields
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 
@@ -69,26 +69,11 @@ _ATTRIBUTES = ("", *(chr(code) for code in range(ord("A"), ord("Z") + 1)))
 SIGNALS = tuple(f"{band}{attribute}" for band in range(1, 10) for attribute in _ATTRIBUTES)
 RF_BANDS = tuple(dict.fromkeys(band[3] for bands in _BANDS.values() for band in bands))
 
-OBSERVATION = (
-    "constellation",
-    "svid",
-    "signal",
-    "pseudorange_m",
-    "carrier_cycles",
-    "doppler_hz",
-    "cn0_dbhz",
-    "pseudorange_std_m",
-    "carrier_std_cycles",
-    "doppler_std_hz",
-    "frequency_slot",
-)
-CLOCK = ("bias_s", "drift_sps", "acc_s", "drift_acc_sps", "host_offset_s")
-
 
 class Satellites(NamedTuple):
     """Satellites and signals of n rows."""
 
-    columns: Columns  # constellation, svid, signal, frequency_slot
+    columns: Fields  # constellation, svid, signal, frequency_slot
     android: NDArray[np.int64]  # Android's number of the constellation, 0 where unknown
     carrier_hz: NDArray[np.float64]  # NaN where unknown
     band: NDArray[np.int32]  # code into RF_BANDS
@@ -111,13 +96,12 @@ def satellites(reader: ColumnReader) -> Satellites:
     known = has_svid & (svid > 0) & (svid < 1000) & ~((android == _GLONASS) & (svid > 92))
     return Satellites(
         {
-            "constellation": SCHEMA_CONSTELLATION[android],
-            "constellation?": android > 0,
-            "svid": np.where(known, within_constellation(android, svid), 0).astype(np.uint32),
-            "svid?": known,
-            "signal": signal,
-            "frequency_slot": slot.astype(np.int32),
-            "frequency_slot?": has_slot,
+            "constellation": Column(SCHEMA_CONSTELLATION[android], android > 0),
+            "svid": Column(
+                np.where(known, within_constellation(android, svid), 0).astype(np.uint32), known
+            ),
+            "signal": Column(signal, None, SIGNALS),
+            "frequency_slot": Column(slot.astype(np.int32), has_slot),
         },
         android,
         carrier,
@@ -221,7 +205,7 @@ def week_and_tow(gps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[
     return gps_ns // WEEK_NS, (gps_ns % WEEK_NS).astype(np.float64) / 1e9
 
 
-def observations(reader: ColumnReader, seen: Satellites, times: Times) -> Columns:
+def observations(reader: ColumnReader, seen: Satellites, times: Times) -> Fields:
     """Read the measurements.
 
     The pseudorange is the speed of light times the claimed time of reception minus the time of
@@ -282,7 +266,7 @@ def _known(uncertainty: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where((uncertainty >= 0) & (uncertainty < _UNKNOWN_ABOVE), uncertainty, np.nan)
 
 
-def clock_columns(reader: ColumnReader) -> Columns:
+def clock_columns(reader: ColumnReader) -> Fields:
     """Read the receiver's clock but for its bias."""
     return {
         "drift_sps": reader.floats("DriftNanosPerSecond") * 1e-9,

@@ -12,23 +12,6 @@ AXES = ("x", "y", "z")
 DEVICE_AXES = "x to the right of the screen, y to its top, z out of it"
 BODY = "forward to the top of the screen, right to its right, down into it"
 
-ACCEL = tuple(f"accel_{axis}_mps2" for axis in AXES)
-GYRO = tuple(f"gyro_{axis}_radps" for axis in AXES)
-LINEAR_ACCEL = tuple(f"linear_accel_{axis}_mps2" for axis in AXES)
-IMU = (*ACCEL, *GYRO, *LINEAR_ACCEL, "interval_s")
-MAG = tuple(f"field_{axis}_ut" for axis in AXES)
-PVT = (
-    "lat_deg",
-    "lon_deg",
-    "height_m",
-    "height_msl_m",
-    "speed_mps",
-    "course_deg",
-    "h_acc_m",
-    "v_acc_m",
-    "s_acc_mps",
-)
-
 NO_TIME = "a row without a time"
 NO_POSITION = "a fix without a position"
 OLDER = "a fix older than the log"

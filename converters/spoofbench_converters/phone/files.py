@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import IO
 
-from spoofbench.conversion import Block, Reject, Rejects, Source
+from spoofbench.conversion import Reject, Rejects, Source, Used
 from spoofbench.errors import ConversionError
-from spoofbench_converters.phone.merging import used
 from spoofbench_converters.text.columns import WRONG_WIDTH, ColumnReader
 from spoofbench_converters.text.lines import BOM, Lines, read_lines, split
 
@@ -43,7 +42,7 @@ class LogFile:
         """The file's name without folders and suffix."""
         return _TEXT.sub("", self.name.rpartition("/")[2])
 
-    def passed_over(self, reason: str = NO_KIND) -> Reject:
+    def rejected(self, reason: str = NO_KIND) -> Reject:
         """Return the account of a file of a folder or archive that nothing is read from."""
         return Reject(self.origin, self.size, reason)
 
@@ -68,10 +67,7 @@ def laid_out(parts: Sequence[LogFile]) -> list[LogFile]:
     """
     placed, origin = [], 0
     for part in parts:
-        size = 0
-        with part.open() as file:
-            while piece := file.read(2**20):
-                size += len(piece)
+        size = _size(part)
         placed.append(replace(part, origin=origin, size=size))
         origin += size
     return placed
@@ -114,7 +110,7 @@ class HeaderSchema:
 
 def read_columns(
     part: LogFile, schema: HeaderSchema, normal: Callable[[str], str] = str
-) -> Iterator[ColumnReader | Block | Reject | Rejects]:
+) -> Iterator[ColumnReader | Used | Reject | Rejects]:
     """Yield the rows of a table as readers, and the account of all else: its header, blank lines,
     lines of another width.
     """
@@ -128,7 +124,7 @@ def read_columns(
             if header:
                 blank[:1], header = True, False
             if blank.any():
-                yield used(int(lines.lengths[blank].sum()))
+                yield Used(int(lines.lengths[blank].sum()))
             rows = split(lines.take(~blank), schema.delimiter)
             right = rows.widths == len(schema.names)
             if not right.all():
@@ -153,13 +149,18 @@ def only(parts: Sequence[LogFile], what: str) -> LogFile | None:
     return parts[0] if parts else None
 
 
-def told(part: LogFile) -> Iterator[Block | Reject]:
-    """Yield the account of a file that told something about the log: all of its bytes."""
-    length = 0
-    with part.open() as file:
-        while piece := file.read(2**20):
-            length += len(piece)
-    yield used(length)
+def used_whole(file: LogFile) -> Used:
+    """Return the account of a file that says something about the log: all of its bytes."""
+    return Used(_size(file))
+
+
+def _size(file: LogFile) -> int:
+    """Return how many bytes a file unpacks to."""
+    size = 0
+    with file.open() as opened:
+        while piece := opened.read(2**20):
+            size += len(piece)
+    return size
 
 
 def records(part: LogFile, most: int = 1000) -> list[dict[str, str]]:

@@ -3,24 +3,24 @@ navigation messages.
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.conversion import Columns, Item
-from spoofbench.conversion.rows import join, take
+from spoofbench.conversion import Item, RowBatch
+from spoofbench.table import Column, encode_words
 from spoofbench_converters.phone import android
 from spoofbench_converters.phone.contract import NO_TIME, positive
 from spoofbench_converters.phone.gnsslogger_format import raw_elapsed, raw_utc
-from spoofbench_converters.phone.merging import MergedTopic, rejects
+from spoofbench_converters.phone.merging import MergedTopic
 from spoofbench_converters.phone.time_axis import ElapsedTimeAxis, Stamps
 from spoofbench_converters.text import numbers
-from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader, held
+from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader, Fields
 from spoofbench_converters.text.lines import Cells, Rows
 
 _MOST_PER_EPOCH = 10_000
-_SIGNAL = ("constellation", "svid", "signal", "cn0_dbhz", "elevation_deg", "azimuth_deg", "used")
-_WORDS = {"signal": android.SIGNALS}
 
 # Types of GnssNavigationMessage: the first byte is the constellation; the RINEX signal by the
 # whole.
@@ -43,30 +43,24 @@ _MESSAGE_SIGNALS = {
 
 
 class GnssChip:
-    """What the chip says, as the streams of one source.
+    """What the chip says, as the topics of one source.
 
     Attributes:
-        latest: where the raw measurements taken last lie, and their times.
+        latest: where the raw measurements taken last lie in the log, and their times; int64
+            ``(n,)`` each.
     """
 
     def __init__(self, source: str, axis: ElapsedTimeAxis) -> None:
         self.source, self._axis = source, axis
-        self._observations = MergedTopic(
-            source, "gnss/observation", android.OBSERVATION, words=_WORDS
-        )
-        self._clock = MergedTopic(source, "gnss/clock", android.CLOCK)
-        self._rf = MergedTopic(
-            source, "gnss/rf", ("band", "agc_db"), words={"band": android.RF_BANDS}
-        )
-        self._signals = MergedTopic(source, "gnss/signal", _SIGNAL, words=_WORDS)
-        self._navdata = MergedTopic(
-            source, "gnss/navdata", ("constellation", "svid", "signal", "subframe"), words=_WORDS
-        )
-        self._held: Columns = {}
+        self._observations = MergedTopic(source, "gnss/observation")
+        self._clock = MergedTopic(source, "gnss/clock", joins=True)
+        self._rf = MergedTopic(source, "gnss/rf")
+        self._signals = MergedTopic(source, "gnss/signal")
+        self._navdata = MergedTopic(source, "gnss/navdata")
+        self._held: _Measurements | None = None
         self._bias_origin_ns: int | None = None
-        self._leap_s: int | None = None
         self._order = _FileOrder()
-        self.latest: Columns = {}
+        self.latest = (np.empty(0, np.int64), np.empty(0, np.int64))
 
     def piece(self, offsets: NDArray[np.int64], times_ns: NDArray[np.int64]) -> None:
         """Take where the timed rows of the next piece lie, and their times: satellites in view and
@@ -77,91 +71,89 @@ class GnssChip:
     def raw(self, reader: ColumnReader) -> Iterator[Item]:
         """Take raw measurements."""
         times, seen = android.receiver_times(reader), android.satellites(reader)
-        columns = {
-            **android.observations(reader, seen, times),
-            **android.clock_columns(reader),
-            **reader.account(),
-        }
-        columns |= self._bias(reader, times) | {"agc_db": reader.floats("AgcDb"), "band": seen.band}
-        columns["epoch"] = reader.exact(("TimeNanos",))[0]
+        observed = android.observations(reader, seen, times)
+        clock = {**android.clock_columns(reader), "bias_s": self._bias_s(reader, times)}
+        gain: Fields = {"agc_db": reader.floats("AgcDb"), "band": _bands(seen)}
+        epoch = reader.exact(("TimeNanos",))[0]
         claimed = raw_utc(reader, times)
-        columns["time_ns"], timed = self._axis.times(
-            columns["offset"], raw_elapsed(reader), claimed, shift=True
+        time_ns, timed = self._axis.times(reader.offset, raw_elapsed(reader), claimed, shift=True)
+        clock["host_offset_s"] = np.where(
+            times.known, (claimed[0] - time_ns + times.rest_ns) * 1e-9, np.nan
         )
-        columns["host_offset_s"] = np.where(
-            times.known, (claimed[0] - columns["time_ns"] + times.rest_ns) * 1e-9, np.nan
+        yield from reader.rejects(reader.bad, NOT_A_NUMBER)
+        yield from reader.rejects(~timed & ~reader.bad, NO_TIME)
+        kept = timed & ~reader.bad
+        rows = _Measurements(
+            epoch[kept],
+            reader.batch("gnss/observation", time_ns, observed, kept),
+            _unaccounted(reader.batch("gnss/clock", time_ns, clock, kept)),
+            _unaccounted(reader.batch("gnss/rf", time_ns, gain, kept)),
         )
-        yield from rejects(columns, reader.bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~timed & ~reader.bad, NO_TIME)
-        columns = take(columns, timed & ~reader.bad)
-        self.latest = {name: columns[name] for name in ("offset", "time_ns")}
-        yield from self._epochs(columns)
+        self.latest = (rows.observed.offset, rows.observed.time_ns)
+        yield from self._epochs(rows)
 
     def agc(self, reader: ColumnReader) -> Iterator[Item]:
         """Take rows of gain control."""
         times, seen = android.receiver_times(reader), android.satellites(reader)
-        columns: Columns = {"agc_db": reader.floats("AgcDb"), "band": seen.band, **reader.account()}
+        gain: Fields = {"agc_db": reader.floats("AgcDb"), "band": _bands(seen)}
         claimed = raw_utc(reader, times)
-        columns["time_ns"], timed = self._axis.times(
-            columns["offset"], reader.exact(()), claimed, shift=True
-        )
-        yield from rejects(columns, reader.bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~timed & ~reader.bad, NO_TIME)
-        yield from self._rf.push(take(columns, timed & ~reader.bad))
+        time_ns, timed = self._axis.times(reader.offset, reader.exact(()), claimed, shift=True)
+        yield from reader.rejects(reader.bad, NOT_A_NUMBER)
+        yield from reader.rejects(~timed & ~reader.bad, NO_TIME)
+        yield from self._rf.push(reader.batch("gnss/rf", time_ns, gain, timed & ~reader.bad))
 
     def status(self, reader: ColumnReader) -> Iterator[Item]:
         """Take rows of satellites in view; their time is that of the timed row before their epoch's
         first one.
         """
-        used = reader.exact(("UsedInFix",))
-        columns: Columns = {
-            **android.satellites(reader).columns,
+        used, has_used = reader.exact(("UsedInFix",))
+        seen = android.satellites(reader).columns
+        signals = {
+            **{name: seen[name] for name in ("constellation", "svid", "signal")},
             "cn0_dbhz": positive(reader.floats("Cn0DbHz")),
             "elevation_deg": reader.floats("ElevationDegrees"),
             "azimuth_deg": reader.floats("AzimuthDegrees"),
-            **held((used[0] != 0, used[1]), "used"),
-            **reader.account(),
+            "used": Column(used != 0, has_used),
         }
         index = reader.exact(("SignalIndex",))[0]
-        columns["time_ns"], timed = self._order.epochs(columns["offset"], index)
-        yield from rejects(columns, reader.bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~timed & ~reader.bad, NO_TIME)
-        yield from self._signals.push(take(columns, timed & ~reader.bad))
+        time_ns, timed = self._order.epochs(reader.offset, index)
+        yield from reader.rejects(reader.bad, NOT_A_NUMBER)
+        yield from reader.rejects(~timed & ~reader.bad, NO_TIME)
+        kept = timed & ~reader.bad
+        yield from self._signals.push(reader.batch("gnss/signal", time_ns, signals, kept))
 
     def navigation(self, reader: ColumnReader) -> Iterator[Item]:
         """Take navigation messages; their time is that of the timed row before them."""
         kind, has_kind = reader.exact(("Type",))
-        svid = reader.exact(("Svid",))
+        svid, has_svid = reader.exact(("Svid",))
+        constellation = np.where(has_kind & (kind >> 8 < 8), kind >> 8, 0)
         signals = {
             number: android.SIGNALS.index(signal) for number, signal in _MESSAGE_SIGNALS.items()
         }
-        constellation = np.where(has_kind & (kind >> 8 < 8), kind >> 8, 0)
-        columns: Columns = {
-            **held(
-                (android.SCHEMA_CONSTELLATION[constellation], constellation > 0), "constellation"
+        codes = np.array([signals.get(number, -1) for number in kind.tolist()], np.int32)
+        octets, bad = _bytes(reader.rows, reader.places.get("Data(Bytes)", 6))
+        messages = {
+            "constellation": Column(android.SCHEMA_CONSTELLATION[constellation], constellation > 0),
+            "svid": Column(
+                np.where(has_svid, android.within_constellation(constellation, svid), 0),
+                has_svid & (svid > 0),
             ),
-            **held(
-                (
-                    np.where(svid[1], android.within_constellation(constellation, svid[0]), 0),
-                    svid[1] & (svid[0] > 0),
-                ),
-                "svid",
-            ),
-            "signal": np.array([signals.get(number, -1) for number in kind.tolist()], np.int32),
-            **reader.account(),
+            "signal": Column(codes, None, android.SIGNALS),
+            "subframe": encode_words(octets.tolist()),
         }
-        columns["subframe"], bad = _bytes(reader.rows, reader.places.get("Data(Bytes)", 6))
-        columns["time_ns"], timed = self._order.times(columns["offset"])
+        time_ns, timed = self._order.times(reader.offset)
         bad |= reader.bad
-        yield from rejects(columns, bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~timed & ~bad, NO_TIME)
-        yield from self._navdata.push(take(columns, timed & ~bad))
+        yield from reader.rejects(bad, NOT_A_NUMBER)
+        yield from reader.rejects(~timed & ~bad, NO_TIME)
+        kept = timed & ~bad
+        yield from self._navdata.push(reader.batch("gnss/navdata", time_ns, messages, kept))
 
     def finish(self) -> Iterator[Item]:
         """Yield what is held."""
-        yield from self._complete(self._held)
-        for stream in (self._observations, self._clock, self._rf, self._signals, self._navdata):
-            yield from stream.finish()
+        if self._held is not None:
+            yield from self._complete(self._held)
+        for topic in (self._observations, self._clock, self._rf, self._signals, self._navdata):
+            yield from topic.finish()
 
     def about(self) -> Mapping[str, dict[str, str]]:
         """Return the source's metadata, if it gave anything."""
@@ -179,7 +171,7 @@ class GnssChip:
             about["clock_bias_origin_ns"] = str(self._bias_origin_ns)
         return {self.source: about}
 
-    def _bias(self, reader: ColumnReader, times: android.Times) -> Columns:
+    def _bias_s(self, reader: ColumnReader, times: android.Times) -> NDArray[np.float64]:
         """Return the clock's bias beyond that of the first row that has one, for doubles of decades
         have no nanoseconds.
         """
@@ -187,39 +179,60 @@ class GnssChip:
         if self._bias_origin_ns is None and times.known.any():
             self._bias_origin_ns = int(full[np.argmax(times.known)])
         beyond = full - (self._bias_origin_ns or 0) + np.nan_to_num(reader.floats("BiasNanos"))
-        return {"bias_s": np.where(times.known, beyond * 1e-9, np.nan)}
+        return np.where(times.known, beyond * 1e-9, np.nan)
 
-    def _epochs(self, columns: Columns) -> Iterator[Item]:
+    def _epochs(self, rows: "_Measurements") -> Iterator[Item]:
         """Hold the last epoch until it is complete."""
-        rows = join(self._held, columns)
-        epoch = rows["epoch"]
+        rows = self._held.followed_by(rows) if self._held else rows
+        epoch = rows.epoch
         last = int(epoch.size and np.argmax(epoch[::-1] != epoch[-1]))
         whole = epoch.size - last if last or epoch.size > _MOST_PER_EPOCH else 0
-        self._held = take(rows, slice(whole, None))
-        yield from self._complete(take(rows, slice(0, whole)))
+        self._held = rows.take(slice(whole, None))
+        yield from self._complete(rows.take(slice(0, whole)))
 
-    def _complete(self, rows: Columns) -> Iterator[Item]:
-        if not rows or not rows["time_ns"].size:
+    def _complete(self, rows: "_Measurements") -> Iterator[Item]:
+        """Yield whole epochs: the clock once for each, gains once for each band and value."""
+        epoch = rows.epoch
+        if not epoch.size:
             return
-        yield from self._observations.push(rows)
-        epoch = rows["epoch"]
-        first = np.concatenate([[True], epoch[1:] != epoch[:-1]])
-        yield from self._clock.push(_unaccounted(take(rows, first)))
-        gained = take(rows, ~np.isnan(rows["agc_db"]))
-        keys = np.stack(
-            [
-                gained["epoch"].astype(np.float64),
-                gained["band"].astype(np.float64),
-                gained["agc_db"],
-            ],
-            1,
+        yield from self._observations.push(rows.observed)
+        first = np.append(True, epoch[1:] != epoch[:-1])
+        yield from self._clock.push(rows.clock.take(first))
+        agc_db, band = (rows.gain.columns[name].values for name in ("agc_db", "band"))
+        keys = np.stack([epoch.astype(np.float64), band.astype(np.float64), agc_db], axis=1)
+        gained = np.flatnonzero(~np.isnan(agc_db))
+        distinct = np.sort(np.unique(keys[gained], axis=0, return_index=True)[1])
+        yield from self._rf.push(rows.gain.take(gained[distinct]))
+
+
+class _Measurements(NamedTuple):
+    """Raw measurements: the chip's clock at each, int64 ``(n,)``, and the rows of each topic."""
+
+    epoch: NDArray[np.int64]
+    observed: RowBatch
+    clock: RowBatch
+    gain: RowBatch
+
+    def take(self, rows: slice) -> "_Measurements":
+        """Return the measurements that a slice selects."""
+        batches = (self.observed, self.clock, self.gain)
+        return _Measurements(self.epoch[rows], *(batch.take(rows) for batch in batches))
+
+    def followed_by(self, after: "_Measurements") -> "_Measurements":
+        """Return these measurements and those after them."""
+        pairs = zip(self[1:], after[1:], strict=True)
+        return _Measurements(
+            np.concatenate([self.epoch, after.epoch]), *(RowBatch.concat(pair) for pair in pairs)
         )
-        distinct = np.sort(np.unique(keys, axis=0, return_index=True)[1])
-        yield from self._rf.push(_unaccounted(take(gained, distinct)))
 
 
-def _unaccounted(columns: Columns) -> Columns:
-    return columns | {"length": np.zeros(columns["time_ns"].size, np.int64)}
+def _bands(seen: android.Satellites) -> Column:
+    return Column(seen.band, None, android.RF_BANDS)
+
+
+def _unaccounted(rows: RowBatch) -> RowBatch:
+    """Return rows whose bytes the observations account for."""
+    return replace(rows, units=np.zeros(len(rows), np.int64))
 
 
 class _FileOrder:
@@ -265,7 +278,8 @@ def _bytes(rows: Rows, place: int) -> tuple[NDArray[np.object_], NDArray[np.bool
     """Read the cells from one place on as bytes, signed or not, and which rows have a cell that is
     none.
     """
-    found, bad = np.full(rows.widths.size, b"", object), np.zeros(rows.widths.size, bool)
+    found = np.full(rows.widths.size, b"", object)
+    bad = np.zeros(rows.widths.size, bool)
     for width in np.unique(rows.widths).tolist():
         mine = np.flatnonzero(rows.widths == width)
         cells = (rows.firsts[mine][:, None] + np.arange(place, width)).reshape(-1)

@@ -7,11 +7,11 @@ to 3.1 and of GPSTest.
 
 import re
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.conversion import Columns
 from spoofbench_converters.phone import android
 from spoofbench_converters.phone.files import LogFile
 from spoofbench_converters.phone.time_axis import PAIRS, ElapsedTimeAxis, Pairs, Stamps
@@ -195,42 +195,36 @@ def _survey_lines(
 ) -> None:
     rows = text.split(lines)
     kinds = types_of(rows)
-    sensors: list[Columns] = []
+    sensors: list[tuple[NDArray[np.int64], Pairs]] = []
     for kind in schema.names:
-        mine = rows.take(kinds == kind.encode())
-        if not mine.widths.size:
+        same = rows.take(kinds == kind.encode())
+        if not same.widths.size:
             continue
-        widths, times = np.unique(mine.widths, return_counts=True)
+        widths, times = np.unique(same.widths, return_counts=True)
         for width, count in zip(widths.tolist(), times.tolist(), strict=True):
             counts.setdefault(kind, {}).setdefault(width, 0)
             counts[kind][width] += count
         usual = int(widths[np.argmax(times)])
         reader = ColumnReader(
-            mine.take(mine.widths == usual),
+            same.take(same.widths == usual),
             {name: place + 1 for place, name in enumerate(schema.names[kind])},
         )
         if kind in SENSORS:
-            sensors.append(
-                {**reader.account(), **_both(reader.exact(ELAPSED), reader.exact(UTC, 6))}
-            )
+            elapsed, utc = reader.exact(ELAPSED), reader.exact(UTC, 6)
+            both = have_both(elapsed, utc)
+            sensors.append((reader.offset[both], (elapsed[0][both], utc[0][both])))
         elif kind == "Fix":
-            gps = np.isin(np.char.upper(reader.words("Provider")), (b"GPS",))
-            pairs["fixes"].append(_paired(_both(reader.exact(ELAPSED), reader.exact(UNIX, 6)), gps))
+            gps = np.char.upper(reader.words("Provider")) == b"GPS"
+            pairs["fixes"].append(first_pairs(reader.exact(ELAPSED), reader.exact(UNIX, 6), gps))
         elif kind == "Raw":
-            pairs["raw"].append(
-                _paired(
-                    _both(raw_elapsed(reader), raw_utc(reader, android.receiver_times(reader))),
-                    np.ones(len(reader), bool),
-                )
-            )
+            utc = raw_utc(reader, android.receiver_times(reader))
+            pairs["raw"].append(first_pairs(raw_elapsed(reader), utc))
     if sensors:
-        joined = {name: np.concatenate([part[name] for part in sensors]) for name in sensors[0]}
-        order = np.argsort(joined["offset"])
-        pairs["sensors"].append(
-            _paired(
-                {name: values[order] for name, values in joined.items()}, np.ones(order.size, bool)
-            )
+        order = np.argsort(np.concatenate([offset for offset, _ in sensors]))
+        elapsed_ns, utc_ns = (
+            np.concatenate([pair[clock] for _, pair in sensors])[order] for clock in (0, 1)
         )
+        pairs["sensors"].append((elapsed_ns, utc_ns))
     for parts in pairs.values():
         parts[:] = [_first(parts)]
 
@@ -250,17 +244,17 @@ def raw_utc(reader: ColumnReader, times: android.Times) -> Stamps:
     return np.where(times.known, times.utc_ns(), logged[0]), times.known | logged[1]
 
 
-def _both(elapsed: Stamps, utc: Stamps) -> Columns:
-    return {
-        "elapsed": elapsed[0],
-        "utc": utc[0],
-        "both": elapsed[1] & utc[1] & (elapsed[0] > 0) & (utc[0] > 0),
-    }
+def have_both(elapsed: Stamps, utc: Stamps) -> NDArray[np.bool_]:
+    """Return which rows have both clocks, bool ``(n,)``."""
+    return elapsed[1] & utc[1] & (elapsed[0] > 0) & (utc[0] > 0)
 
 
-def _paired(columns: Columns, rows: NDArray[np.bool_]) -> Pairs:
-    chosen = columns["both"] & rows
-    return columns["elapsed"][chosen][:PAIRS], columns["utc"][chosen][:PAIRS]
+def first_pairs(
+    elapsed: Stamps, utc: Stamps, rows: NDArray[np.bool_] | Literal[True] = True
+) -> Pairs:
+    """Return both clocks of the first rows that have both, among those that a mask selects."""
+    chosen = np.flatnonzero(have_both(elapsed, utc) & rows)[:PAIRS]
+    return elapsed[0][chosen], utc[0][chosen]
 
 
 def _first(parts: list[Pairs]) -> Pairs:

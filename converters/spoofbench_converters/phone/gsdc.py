@@ -9,17 +9,22 @@ which was computed afterwards.
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spoofbench.conversion import Columns, Item, SourceMetadata
-from spoofbench.conversion.rows import take
+from spoofbench.conversion import Item, RowBatch, SourceMetadata
 from spoofbench_converters.phone import android, contract
 from spoofbench_converters.phone.contract import AXES, NO_POSITION, NO_TIME, Options
 from spoofbench_converters.phone.files import HeaderSchema, LogFile, only, read_columns, text_parts
 from spoofbench_converters.phone.gnss_chip import GnssChip
-from spoofbench_converters.phone.gnsslogger_format import ELAPSED, UNIX, UTC, raw_elapsed, raw_utc
-from spoofbench_converters.phone.merging import MergedTopic, in_file_order, rejects
-from spoofbench_converters.phone.time_axis import PAIRS, ClockDeviation, ElapsedTimeAxis, Pairs
+from spoofbench_converters.phone.gnsslogger_format import (
+    ELAPSED,
+    UNIX,
+    UTC,
+    first_pairs,
+    raw_elapsed,
+    raw_utc,
+)
+from spoofbench_converters.phone.merging import MergedTopic, in_file_order
+from spoofbench_converters.phone.time_axis import ClockDeviation, ElapsedTimeAxis
 from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader
 
 _GNSS = frozenset(
@@ -71,9 +76,9 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
         ConversionError: there are several drives.
     """
     gnss, imu, truth = tables(parts)
-    axis, steps = _axis(gnss, imu), ClockDeviation()
+    axis, deviation = _axis(gnss, imu), ClockDeviation()
     if imu:
-        yield from _sensors(imu, axis, steps)
+        yield from _sensors(imu, axis, deviation)
     if gnss:
         yield from _measurements(gnss, axis)
     if truth:
@@ -81,7 +86,7 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     recording = {
         "clock": "sensor" if axis.offset_ns is not None else "gnss",
         "clock_basis": axis.basis,
-        **steps.about(),
+        **deviation.about(),
     }
     if axis.offset_ns is not None:
         recording |= {
@@ -91,94 +96,73 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     yield SourceMetadata(
         {"recording": recording | ({"session_id": options.session} if options.session else {})}
     )
-    yield from (part.passed_over() for part in parts if part not in (gnss, imu, truth))
+    yield from (part.rejected() for part in parts if part not in (gnss, imu, truth))
 
 
 def _axis(gnss: LogFile | None, imu: LogFile | None) -> ElapsedTimeAxis:
     none = np.empty(0, np.int64)
     sensors, raw = (none, none), (none, none)
     if imu and (reader := _first(imu)):
-        sensors = _pairs(*reader.exact(ELAPSED), *reader.exact(UTC, 6))
+        sensors = first_pairs(reader.exact(ELAPSED), reader.exact(UTC, 6))
     if gnss and (reader := _first(gnss)):
-        raw = _pairs(*raw_elapsed(reader), *raw_utc(reader, android.receiver_times(reader)))
+        utc = raw_utc(reader, android.receiver_times(reader))
+        raw = first_pairs(raw_elapsed(reader), utc)
     return ElapsedTimeAxis.of(sensors, (none, none), raw)
 
 
-def _first(part: LogFile) -> ColumnReader | None:
-    return next(
-        (
-            item
-            for item in read_columns(part, HeaderSchema.of(part.head))
-            if isinstance(item, ColumnReader)
-        ),
-        None,
-    )
+def _first(file: LogFile) -> ColumnReader | None:
+    pieces = read_columns(file, HeaderSchema.of(file.head))
+    return next((piece for piece in pieces if isinstance(piece, ColumnReader)), None)
 
 
-def _pairs(
-    elapsed: NDArray[np.int64],
-    has: NDArray[np.bool_],
-    utc: NDArray[np.int64],
-    also: NDArray[np.bool_],
-) -> Pairs:
-    both = has & also & (elapsed > 0) & (utc > 0)
-    return elapsed[both][:PAIRS], utc[both][:PAIRS]
-
-
-def _sensors(part: LogFile, axis: ElapsedTimeAxis, steps: ClockDeviation) -> Iterator[Item]:
-    streams = {
-        "imu": MergedTopic(
-            "imu0", "imu", (*contract.ACCEL, *contract.GYRO, "interval_s"), window_s=_BATCHING_S
-        ),
-        "mag": MergedTopic("mag0", "mag", contract.MAG, window_s=_BATCHING_S),
+def _sensors(file: LogFile, axis: ElapsedTimeAxis, deviation: ClockDeviation) -> Iterator[Item]:
+    topics = {
+        "imu": MergedTopic("imu0", "imu", joins=True, window_s=_BATCHING_S),
+        "mag": MergedTopic("mag0", "mag", joins=True, window_s=_BATCHING_S),
     }
-    for reader in read_columns(part, HeaderSchema.of(part.head)):
+    for reader in read_columns(file, HeaderSchema.of(file.head)):
         if not isinstance(reader, ColumnReader):
             yield reader
             continue
-        logged = reader.exact(UTC, 6)
-        elapsed = reader.exact(ELAPSED)
-        times, timed = axis.times(reader.account()["offset"], elapsed, logged)
+        elapsed, logged = reader.exact(ELAPSED), reader.exact(UTC, 6)
+        time_ns, timed = axis.times(reader.offset, elapsed, logged)
         values = [reader.floats(f"Measurement{name.upper()}") for name in AXES]
-        account, kind = reader.account(), reader.words("MessageType")
-        yield from rejects(account, reader.bad, NOT_A_NUMBER)
-        yield from rejects(account, ~timed & ~reader.bad, NO_TIME)
+        message = reader.words("MessageType")
+        yield from reader.rejects(reader.bad, NOT_A_NUMBER)
+        yield from reader.rejects(~timed & ~reader.bad, NO_TIME)
         left = timed & ~reader.bad
-        watched = left & elapsed[1] & logged[1]
-        steps.watch(account["offset"][watched], logged[0][watched], times[watched])
-        pushes: dict[str, list[Columns]] = {name: [] for name in streams}
-        for word, (family, field) in _MESSAGES.items():
-            mine = left & (kind == word)
-            left &= ~mine
+        both = left & elapsed[1] & logged[1]
+        deviation.watch(reader.offset[both], logged[0][both], time_ns[both])
+        batches: dict[str, list[RowBatch]] = {kind: [] for kind in topics}
+        for word, (kind, field) in _MESSAGES.items():
+            selected = left & (message == word)
+            left &= ~selected
             fields = {field.format(name): column for name, column in zip(AXES, values, strict=True)}
-            extra = {"interval_s": np.zeros(len(reader))} if family == "imu" else {}
-            pushes[family].append(
-                streams[family].complete(
-                    take({**account, **fields, **extra, "time_ns": times}, mine)
-                )
-            )
-        yield from rejects(account, left, "a row of a sensor that is not known")
-        for family, columns in pushes.items():
-            yield from streams[family].push(in_file_order(columns))
-    for stream in streams.values():
-        yield from stream.finish()
-        if stream.rows:
+            if kind == "imu":
+                fields["interval_s"] = np.zeros(len(reader))
+            batches[kind].append(reader.batch(kind, time_ns, fields, selected))
+        yield from reader.rejects(left, "a row of a sensor that is not known")
+        for kind, parts in batches.items():
+            yield from topics[kind].push(in_file_order(parts))
+    for kind, topic in topics.items():
+        yield from topic.finish()
+        if topic.rows:
             about = {"topic": "uncalibrated", "device_axes": contract.DEVICE_AXES}
-            yield SourceMetadata({f"source/{stream.topic.split('/')[1]}": about})
+            yield SourceMetadata({f"source/{kind}0": about})
 
 
-def _measurements(part: LogFile, axis: ElapsedTimeAxis) -> Iterator[Item]:
+def _measurements(file: LogFile, axis: ElapsedTimeAxis) -> Iterator[Item]:
     chip, solution = GnssChip("gnss0", axis), _Solution(axis)
-    for reader in read_columns(part, HeaderSchema.of(part.head)):
+    for reader in read_columns(file, HeaderSchema.of(file.head)):
         if isinstance(reader, ColumnReader):
             yield from chip.raw(reader)
             yield from solution.take(reader)
         else:
             yield reader
     yield from chip.finish()
-    yield from solution.stream.finish()
+    yield from solution.topic.finish()
     yield SourceMetadata({f"source/{name}": about for name, about in chip.about().items()})
-    if solution.stream.rows:
+    if solution.topic.rows:
         about = {
             "topic": "WlsPosition",
             "solution": "gnss",
@@ -191,7 +175,7 @@ class _Solution:
     """The position that stands in each row of an epoch, once per epoch."""
 
     def __init__(self, axis: ElapsedTimeAxis) -> None:
-        self.stream = MergedTopic("wls0", "gnss/pvt", ("lat_deg", "lon_deg", "height_m"))
+        self.topic = MergedTopic("wls0", "gnss/pvt", joins=True)
         self._axis = axis
         self._last = -1
 
@@ -199,50 +183,45 @@ class _Solution:
         """Yield the epochs of a piece; their rows' bytes are the measurements'."""
         import pymap3d
 
-        ecef = np.stack([reader.floats(name) for name in _WLS])
-        utc, offsets = reader.exact(UTC)[0], reader.account()["offset"]
-        times, timed = self._axis.times(
-            offsets,
-            raw_elapsed(reader),
-            raw_utc(reader, android.receiver_times(reader)),
-            shift=True,
-        )
-        placed = np.flatnonzero(
-            timed & ~reader.bad & ~np.isnan(ecef).any(axis=0) & (np.abs(ecef).max(axis=0) > 0)
-        )
+        ecef_m = np.stack([reader.floats(name) for name in _WLS])
+        utc_ms = reader.exact(UTC)[0]
+        utc = raw_utc(reader, android.receiver_times(reader))
+        time_ns, timed = self._axis.times(reader.offset, raw_elapsed(reader), utc, shift=True)
+        there = ~np.isnan(ecef_m).any(axis=0) & (np.abs(ecef_m).max(axis=0) > 0)
+        placed = np.flatnonzero(timed & ~reader.bad & there)
         if not placed.size:
             return
-        before = np.concatenate([[self._last], utc[placed][:-1]])
-        rows = placed[utc[placed] != before]
-        self._last = int(utc[placed[-1]])
-        lat, lon, height = pymap3d.ecef2geodetic(*ecef[:, rows])
-        account = {"offset": offsets[rows], "length": np.zeros(rows.size, np.int64)}
-        yield from self.stream.push(
-            {"time_ns": times[rows], "lat_deg": lat, "lon_deg": lon, "height_m": height, **account}
+        before = np.append(self._last, utc_ms[placed][:-1])
+        rows = placed[utc_ms[placed] != before]
+        self._last = int(utc_ms[placed[-1]])
+        lat, lon, height = pymap3d.ecef2geodetic(*ecef_m[:, rows])
+        fields = {"lat_deg": lat, "lon_deg": lon, "height_m": height}
+        units = np.zeros(rows.size, np.int64)
+        yield from self.topic.push(
+            RowBatch.of("gnss/pvt", time_ns[rows], fields, reader.offset[rows], units)
         )
 
 
-def _reference(part: LogFile, axis: ElapsedTimeAxis) -> Iterator[Item]:
-    stream = MergedTopic("", "reference/pva", ("lat_deg", "lon_deg", "height_m"))
-    for reader in read_columns(part, HeaderSchema.of(part.head)):
+def _reference(file: LogFile, axis: ElapsedTimeAxis) -> Iterator[Item]:
+    topic = MergedTopic("", "reference/pva", joins=True)
+    for reader in read_columns(file, HeaderSchema.of(file.head)):
         if not isinstance(reader, ColumnReader):
             yield reader
             continue
-        columns: Columns = {
+        fields = {
             "lat_deg": reader.floats("LatitudeDegrees"),
             "lon_deg": reader.floats("LongitudeDegrees"),
             "height_m": reader.floats("AltitudeMeters"),
-            **reader.account(),
         }
-        columns["time_ns"], timed = axis.times(
-            columns["offset"], reader.exact(()), reader.exact(UNIX, 6), shift=True
-        )
-        placed = ~np.isnan(columns["lat_deg"] + columns["lon_deg"])
-        yield from rejects(columns, reader.bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~timed & ~reader.bad, NO_TIME)
-        yield from rejects(columns, ~placed & timed & ~reader.bad, NO_POSITION)
-        yield from stream.push(take(columns, placed & timed & ~reader.bad))
-    yield from stream.finish()
+        claimed = reader.exact(UNIX, 6)
+        time_ns, timed = axis.times(reader.offset, reader.exact(()), claimed, shift=True)
+        placed = ~np.isnan(fields["lat_deg"] + fields["lon_deg"])
+        good = timed & ~reader.bad
+        yield from reader.rejects(reader.bad, NOT_A_NUMBER)
+        yield from reader.rejects(~timed & ~reader.bad, NO_TIME)
+        yield from reader.rejects(~placed & good, NO_POSITION)
+        yield from topic.push(reader.batch("reference/pva", time_ns, fields, placed & good))
+    yield from topic.finish()
     basis = (
         "the competition's reference receiver; GNSS time, laid on the recording's clock by its "
         "median offset"

@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.conversion import Columns, Item, SourceMetadata
-from spoofbench.conversion.rows import take
+from spoofbench.conversion import Item, RowBatch, SourceMetadata
 from spoofbench.errors import ConversionError
 from spoofbench_converters.phone import contract
 from spoofbench_converters.phone.contract import NO_TIME, Options, known, positive
@@ -25,9 +24,9 @@ from spoofbench_converters.phone.files import (
     read_columns,
     records,
     text_parts,
-    told,
+    used_whole,
 )
-from spoofbench_converters.phone.merging import MergedTopic, rejects, together
+from spoofbench_converters.phone.merging import MergedTopic, merge
 from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader
 
 _MPS2 = r"\(m/s(\^?2|²)\)"
@@ -76,12 +75,7 @@ _QUANTITIES = (
     _quantity(r"vertical accuracy \((m|°)\)", "gnss", "v_acc_m"),
 )
 _MEANT = {"speed_mps": known, "course_deg": known, "h_acc_m": positive, "v_acc_m": positive}
-_FAMILIES: Mapping[str, tuple[str, Sequence[str]]] = {
-    "imu": ("imu", contract.IMU),
-    "mag": ("mag", contract.MAG),
-    "baro": ("baro", ("pressure_pa",)),
-    "gnss": ("gnss/pvt", contract.PVT),
-}
+_KINDS = {"imu": "imu", "mag": "mag", "baro": "baro", "gnss": "gnss/pvt"}
 _ABOUT = {
     "imu": {"device_axes": contract.DEVICE_AXES},
     "mag": {"device_axes": contract.DEVICE_AXES},
@@ -171,11 +165,11 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
         None,
     )
     about = _device(properties)
-    for family, (kind, fields) in _FAMILIES.items():
+    for family, kind in _KINDS.items():
         mine = {table.part.name: table for table in understood if table.family == family}
         if mine:
-            stream = MergedTopic(f"{family}0", kind, fields, inputs=tuple(mine))
-            yield from together(stream, {name: _rows(table, clock) for name, table in mine.items()})
+            merged = MergedTopic(f"{family}0", kind, inputs=tuple(mine), joins=True)
+            yield from merge(merged, {name: _rows(table, clock) for name, table in mine.items()})
             topic = " ".join(table.part.stem for table in mine.values() if table.part.name)
             yield SourceMetadata(
                 {
@@ -189,9 +183,9 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
             )
     for part in parts:
         if part in (times, properties):
-            yield from told(part)
+            yield used_whole(part)
         elif all(part is not table.part for table in understood):
-            yield part.passed_over()
+            yield part.rejected()
 
 
 class Clock(NamedTuple):
@@ -275,19 +269,20 @@ def _device(part: LogFile | None) -> dict[str, str]:
     return {"device": name} if name else {}
 
 
-def _rows(table: Table, clock: Clock) -> Iterator[Columns | Item]:
+def _rows(table: Table, clock: Clock) -> Iterator[RowBatch | Item]:
     for reader in read_columns(table.part, table.schema):
         if not isinstance(reader, ColumnReader):
             yield reader
             continue
-        experiment, timed = reader.exact((table.time,), 9)
-        columns: Columns = {"time_ns": clock.times(experiment), **reader.account()}
+        experiment_ns, timed = reader.exact((table.time,), 9)
+        fields = {}
         for name, quantity in table.quantities.items():
             values = reader.floats(name) * quantity.factor
             meant = _MEANT.get(quantity.field)
-            columns[quantity.field] = meant(values) if meant else values
+            fields[quantity.field] = meant(values) if meant else values
         if table.family == "imu":
-            columns["interval_s"] = np.zeros(len(reader))
-        yield from rejects(columns, reader.bad, NOT_A_NUMBER)
-        yield from rejects(columns, ~timed & ~reader.bad, NO_TIME)
-        yield take(columns, timed & ~reader.bad)
+            fields["interval_s"] = np.zeros(len(reader))
+        yield from reader.rejects(reader.bad, NOT_A_NUMBER)
+        yield from reader.rejects(~timed & ~reader.bad, NO_TIME)
+        time_ns, kept = clock.times(experiment_ns), timed & ~reader.bad
+        yield reader.batch(_KINDS[table.family], time_ns, fields, kept)

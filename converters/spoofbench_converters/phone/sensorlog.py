@@ -8,15 +8,15 @@ names. Accelerations are Core Motion's: in g, -1 g on the axis that points up at
 """
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.conversion import Columns, Item, Reject, SourceMetadata
-from spoofbench.conversion.rows import take
+from spoofbench.conversion import Item, Reject, RowBatch, SourceMetadata
 from spoofbench.errors import ConversionError
 from spoofbench_converters.phone import contract
 from spoofbench_converters.phone.contract import AXES, STANDARD_GRAVITY_MPS2, Options, known
@@ -28,7 +28,7 @@ from spoofbench_converters.phone.files import (
     read_columns,
     text_parts,
 )
-from spoofbench_converters.phone.merging import REPEATED, MergedTopic, in_file_order, rejects
+from spoofbench_converters.phone.merging import REPEATED, MergedTopic, in_file_order
 from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader
 
 _SURVEY_ROWS = 100
@@ -36,26 +36,27 @@ _OLDEST_FIX_NS = 2_000_000_000
 _QUARTER_HOUR_S = 900
 _LOGGED = "loggingTime"
 
+_Floats = Mapping[str, NDArray[np.float64]]
+
 
 class Sensor(NamedTuple):
-    """A group of columns: its stamp, the kind of its source, which one, its fields, and how they
-    are read.
+    """A group of columns: its stamp, the kind of its source, which one, and how they are
+    read.
     """
 
     stamp: str
     family: str
     which: str
-    fields: Sequence[str]
-    read: Callable[[ColumnReader], Columns]
+    read: Callable[[ColumnReader], _Floats]
 
 
-def _vector(field: str, column: str, scale: float = 1.0) -> Callable[[ColumnReader], Columns]:
+def _vector(field: str, column: str, scale: float = 1.0) -> Callable[[ColumnReader], _Floats]:
     return lambda reader: {
         field.format(axis): scale * reader.floats(column.format(axis.upper())) for axis in AXES
     }
 
 
-def _motion(reader: ColumnReader) -> Columns:
+def _motion(reader: ColumnReader) -> _Floats:
     linear = _vector("linear_accel_{}_mps2", "motionUserAcceleration{}", -STANDARD_GRAVITY_MPS2)(
         reader
     )
@@ -66,14 +67,14 @@ def _motion(reader: ColumnReader) -> Columns:
     return {**total, **linear, **_vector("gyro_{}_radps", "motionRotationRate{}")(reader)}
 
 
-def _calibrated_field(reader: ColumnReader) -> Columns:
+def _calibrated_field(reader: ColumnReader) -> _Floats:
     """The field is zero where its calibration is -1: none."""
     uncalibrated = reader.floats("motionMagneticFieldCalibrationAccuracy") < 0
     fields = _vector("field_{}_ut", "motionMagneticField{}")(reader)
     return {name: np.where(uncalibrated, np.nan, values) for name, values in fields.items()}
 
 
-def _location(reader: ColumnReader) -> Columns:
+def _location(reader: ColumnReader) -> _Floats:
     valid = ~(reader.floats("locationHorizontalAccuracy") < 0)
     return {
         "lat_deg": np.where(valid, reader.floats("locationLatitude"), np.nan),
@@ -89,11 +90,11 @@ def _location(reader: ColumnReader) -> Columns:
     }
 
 
-def _pressure(reader: ColumnReader) -> Columns:
+def _pressure(reader: ColumnReader) -> _Floats:
     return {"pressure_pa": 1000 * reader.floats("altimeterPressure")}
 
 
-def _attitude(reader: ColumnReader) -> Columns:
+def _attitude(reader: ColumnReader) -> _Floats:
     return {
         "roll_deg": np.degrees(reader.floats("motionRoll")),
         "pitch_deg": np.degrees(reader.floats("motionPitch")),
@@ -106,35 +107,31 @@ _SENSORS = (
         f"accelerometer{_BOOT}",
         "imu",
         "raw",
-        contract.ACCEL,
         _vector("accel_{}_mps2", "accelerometerAcceleration{}", -STANDARD_GRAVITY_MPS2),
     ),
-    Sensor(f"gyro{_BOOT}", "imu", "raw", contract.GYRO, _vector("gyro_{}_radps", "gyroRotation{}")),
+    Sensor(f"gyro{_BOOT}", "imu", "raw", _vector("gyro_{}_radps", "gyroRotation{}")),
     Sensor(
         f"motion{_BOOT}",
         "imu",
         "device motion",
-        (*contract.ACCEL, *contract.GYRO, *contract.LINEAR_ACCEL),
         _motion,
     ),
-    Sensor(f"location{_UNIX}", "gnss", "", contract.PVT, _location),
+    Sensor(f"location{_UNIX}", "gnss", "", _location),
     Sensor(
         f"magnetometer{_BOOT}",
         "mag",
         "magnetometer, uncalibrated",
-        contract.MAG,
         _vector("field_{}_ut", "magnetometer{}"),
     ),
-    Sensor(f"motion{_BOOT}", "mag", "device motion, calibrated", contract.MAG, _calibrated_field),
+    Sensor(f"motion{_BOOT}", "mag", "device motion, calibrated", _calibrated_field),
     Sensor(
         f"locationHeading{_UNIX}",
         "mag",
         "heading",
-        contract.MAG,
         _vector("field_{}_ut", "locationHeading{}"),
     ),
-    Sensor(f"altimeter{_BOOT}", "baro", "", ("pressure_pa",), _pressure),
-    Sensor(f"motion{_BOOT}", "ins", "", ("roll_deg", "pitch_deg"), _attitude),
+    Sensor(f"altimeter{_BOOT}", "baro", "", _pressure),
+    Sensor(f"motion{_BOOT}", "ins", "", _attitude),
 )
 _KINDS = {"imu": "imu", "mag": "mag", "baro": "baro", "gnss": "gnss/pvt", "ins": "ins/pva"}
 _ABOUT = {
@@ -195,7 +192,7 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
             }
         }
     )
-    yield from (other.passed_over(ANOTHER) for other in parts if other is not part)
+    yield from (other.rejected(ANOTHER) for other in parts if other is not part)
 
 
 class Clock(NamedTuple):
@@ -281,61 +278,45 @@ class _Conversion:
         places = schema.places(normal)
         self._sensors = [sensor for sensor in _SENSORS if sensor.stamp in places]
         self._last: dict[int, int] = {}
-        self._streams: dict[tuple[str, str], MergedTopic] = {}
+        self._topics: dict[tuple[str, str], MergedTopic] = {}
         self._sources: dict[tuple[str, str], str] = {}
 
     def take(self, reader: ColumnReader) -> Iterator[Item]:
         """Yield what a piece holds: of each sensor the rows in which its stamp is another than
         before.
         """
-        account = reader.account()
         owned = np.zeros(len(reader), bool)
-        pushes: dict[tuple[str, str], list[Columns]] = {}
+        pushes: dict[tuple[str, str], list[RowBatch]] = {}
         read = [
-            (number, sensor, *self._new(number, sensor, reader), sensor.read(reader))
+            (sensor, *self._new(number, sensor, reader), sensor.read(reader))
             for number, sensor in enumerate(self._sensors)
         ]
         bad = reader.bad
-        yield from rejects(account, bad, NOT_A_NUMBER)
-        for _, sensor, times, new, fields in read:
-            new = new & ~bad & ~_blank(fields)
-            older = new & (times < self._clock.start_ns - _OLDEST_FIX_NS)
-            columns = {
-                **fields,
-                **account,
-                "time_ns": times,
-                "length": np.where(owned, 0, account["length"]),
-            }
-            if sensor.family == "imu":
-                columns["interval_s"] = np.zeros(len(reader))
+        yield from reader.rejects(bad, NOT_A_NUMBER)
+        for sensor, time_ns, new, fields in read:
+            new = new & ~bad & ~np.all([np.isnan(values) for values in fields.values()], axis=0)
             if sensor.stamp.endswith(_UNIX):
-                yield from (
-                    Reject(offset, 0, contract.OLDER)
-                    for offset in account["offset"][older].tolist()
-                )
+                older = new & (time_ns < self._clock.start_ns - _OLDEST_FIX_NS)
+                yield from (Reject(at, 0, contract.OLDER) for at in reader.offset[older].tolist())
                 new &= ~older
-            owned |= new
             if new.any():
-                pushes.setdefault((sensor.family, sensor.which), []).append(take(columns, new))
-        yield from rejects(account, ~owned & ~bad, REPEATED)
-        for key, parts in pushes.items():
-            stream = self._stream(*key)
-            yield from stream.push(in_file_order([stream.complete(part) for part in parts]))
+                if sensor.family == "imu":
+                    fields = {**fields, "interval_s": np.zeros(len(reader))}
+                rows = reader.batch(_KINDS[sensor.family], time_ns, fields, new)
+                rows = replace(rows, units=np.where(owned[new], 0, rows.units))
+                pushes.setdefault((sensor.family, sensor.which), []).append(rows)
+            owned |= new
+        yield from reader.rejects(~owned & ~bad, REPEATED)
+        for key, batches in pushes.items():
+            yield from self._topic(*key).push(in_file_order(batches))
 
     def finish(self) -> Iterator[Item]:
         """Yield what is held, and the sources."""
-        for stream in self._streams.values():
-            yield from stream.finish()
+        for topic in self._topics.values():
+            yield from topic.finish()
         for (family, which), name in self._sources.items():
-            yield SourceMetadata(
-                {
-                    f"source/{name}": {
-                        "app": "SensorLog",
-                        **({"topic": which} if which else {}),
-                        **_ABOUT.get(family, {}),
-                    }
-                }
-            )
+            about = {**({"topic": which} if which else {}), **_ABOUT.get(family, {})}
+            yield SourceMetadata({f"source/{name}": {"app": "SensorLog", **about}})
 
     def _new(
         self, number: int, sensor: Sensor, reader: ColumnReader
@@ -344,29 +325,16 @@ class _Conversion:
         stamps, present = reader.exact((sensor.stamp,), 9)
         present &= stamps > 0
         rows = np.flatnonzero(present)
-        before = np.concatenate([[self._last.get(number, 0)], stamps[rows][:-1]])
+        before = np.append(self._last.get(number, 0), stamps[rows][:-1])
         new = np.zeros(len(reader), bool)
-        new[rows] = stamps[rows] != before
+        new[rows] = stamps[rows] != before[: rows.size]
         if rows.size:
             self._last[number] = int(stamps[rows[-1]])
         return stamps + (self._clock.offset_ns if sensor.stamp.endswith(_BOOT) else 0), new
 
-    def _stream(self, family: str, which: str) -> MergedTopic:
+    def _topic(self, family: str, which: str) -> MergedTopic:
         key = (family, which)
-        if key not in self._streams:
+        if key not in self._topics:
             self._sources[key] = f"{family}{sum(other == family for other, _ in self._sources)}"
-            fields = tuple(
-                dict.fromkeys(
-                    field for s in self._sensors if (s.family, s.which) == key for field in s.fields
-                )
-            )
-            self._streams[key] = MergedTopic(
-                self._sources[key],
-                _KINDS[family],
-                (*fields, *(("interval_s",) if family == "imu" else ())),
-            )
-        return self._streams[key]
-
-
-def _blank(fields: Columns) -> NDArray[np.bool_]:
-    return np.asarray(np.all([np.isnan(values) for values in fields.values()], axis=0))
+            self._topics[key] = MergedTopic(self._sources[key], _KINDS[family], joins=True)
+        return self._topics[key]

@@ -7,34 +7,36 @@ and frames.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from spoofbench.conversion import Columns, Item, SourceMetadata
-from spoofbench.conversion.rows import take
+from spoofbench.conversion import Item, RowBatch, SourceMetadata
 from spoofbench.errors import ConversionError
+from spoofbench.table import Column
 from spoofbench_converters.phone.contract import (
     AXES,
     BODY,
     DEVICE_AXES,
-    IMU,
-    MAG,
     NO_TIME,
     OLDER,
-    PVT,
     STANDARD_GRAVITY_MPS2,
     Options,
     known,
     positive,
 )
-from spoofbench_converters.phone.files import HeaderSchema, LogFile, read_columns, records, told
-from spoofbench_converters.phone.merging import MergedTopic, rejects, together
-from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader
+from spoofbench_converters.phone.files import (
+    HeaderSchema,
+    LogFile,
+    read_columns,
+    records,
+    used_whole,
+)
+from spoofbench_converters.phone.merging import MergedTopic, merge
+from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader, Fields
 
 _OLDEST_FIX_S = -1.0  # before the start of the recording: an older one was cached
-_GRAVITY = tuple(f"gravity_{axis}" for axis in AXES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +60,13 @@ class Sensor(NamedTuple):
 
     family: str
     which: str
-    read: Callable[[ColumnReader, Phone], Columns]
+    read: Callable[[ColumnReader, Phone], Fields]
 
 
 def _vector(
     field: str, *, is_acceleration: bool = False, in_g_on_ios: bool = False
-) -> Callable[[ColumnReader, Phone], Columns]:
-    def read(reader: ColumnReader, phone: Phone) -> Columns:
+) -> Callable[[ColumnReader, Phone], Fields]:
+    def read(reader: ColumnReader, phone: Phone) -> Fields:
         scale = -1.0 if is_acceleration and phone.is_core_motion else 1.0
         scale *= STANDARD_GRAVITY_MPS2 if in_g_on_ios and phone.is_core_motion else 1.0
         return {field.format(axis): scale * reader.floats(axis) for axis in AXES}
@@ -72,7 +74,7 @@ def _vector(
     return read
 
 
-def _location(reader: ColumnReader, phone: Phone) -> Columns:
+def _location(reader: ColumnReader, phone: Phone) -> Fields:
     del phone
     return {
         "lat_deg": reader.floats("latitude"),
@@ -87,12 +89,12 @@ def _location(reader: ColumnReader, phone: Phone) -> Columns:
     }
 
 
-def _barometer(reader: ColumnReader, phone: Phone) -> Columns:
+def _barometer(reader: ColumnReader, phone: Phone) -> Fields:
     del phone
     return {"pressure_pa": reader.floats("pressure") * 100}
 
 
-def _orientation(reader: ColumnReader, phone: Phone) -> Columns:
+def _orientation(reader: ColumnReader, phone: Phone) -> Fields:
     nose_up = 1.0 if phone.is_core_motion else -1.0
     return {
         "roll_deg": np.degrees(reader.floats("roll")),
@@ -122,13 +124,6 @@ _SENSORS: Mapping[str, Sensor] = {
     "Orientation": Sensor("ins", "", _orientation),
 }
 _KINDS = {"imu": "imu", "mag": "mag", "baro": "baro", "gnss": "gnss/pvt", "ins": "ins/pva"}
-_FIELDS: Mapping[str, Sequence[str]] = {
-    "imu": (*IMU, *_GRAVITY),
-    "mag": MAG,
-    "baro": ("pressure_pa",),
-    "gnss": PVT,
-    "ins": ("roll_deg", "pitch_deg"),
-}
 _SIGNED = (
     "Accelerometer",
     "Gravity",
@@ -165,20 +160,18 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
         yield SourceMetadata({f"source/{source}": {**device, **_about(sensor, names, phone)}})
         if options.source and sensor.family == "gnss" and options.source.upper() != sensor.which:
             yield from (
-                found[name].passed_over("fixes of another provider: not asked for")
-                for name in names
+                found[name].rejected("fixes of another provider: not asked for") for name in names
             )
             continue
         derive = _with_gravity if sensor.family == "imu" else None
-        stream = MergedTopic(
-            source, _KINDS[sensor.family], _FIELDS[sensor.family], inputs=names, derive=derive
-        )
-        yield from together(stream, {name: _rows(name, found[name], phone) for name in names})
+        kind = _KINDS[sensor.family]
+        topic = MergedTopic(source, kind, inputs=names, joins=True, derive=derive)
+        yield from merge(topic, {name: _rows(name, found[name], phone) for name in names})
     for part in parts:
         if part is metadata:
-            yield from told(part)
+            yield used_whole(part)
         elif part not in found.values():
-            yield part.passed_over()
+            yield part.rejected()
 
 
 def _is_table(part: LogFile) -> bool:
@@ -298,42 +291,39 @@ def _provider(sensor: Sensor, phone: Phone) -> dict[str, str]:
     }
 
 
-def _rows(name: str, part: LogFile, phone: Phone) -> Iterator[Columns | Item]:
+def _rows(name: str, part: LogFile, phone: Phone) -> Iterator[RowBatch | Item]:
     sensor = _SENSORS[name]
     for reader in read_columns(part, HeaderSchema.of(part.head)):
         if not isinstance(reader, ColumnReader):
             yield reader
             continue
-        columns = {**sensor.read(reader, phone), **reader.account()}
-        columns["time_ns"], timed = reader.exact(("time",))
+        fields = sensor.read(reader, phone)
+        time_ns, timed = reader.exact(("time",))
         before_s = reader.floats("seconds_elapsed")
         if sensor.family == "imu":
-            columns["interval_s"] = np.zeros(len(reader))
-        refusals = [(reader.bad, NOT_A_NUMBER), (~timed | (columns["time_ns"] <= 0), NO_TIME)]
+            fields = {**fields, "interval_s": np.zeros(len(reader))}
+        refusals = [(reader.bad, NOT_A_NUMBER), (~timed | (time_ns <= 0), NO_TIME)]
         if sensor.family == "gnss":
             refusals.append((before_s < _OLDEST_FIX_S, OLDER))
         if name in _SIGNED and not phone.platform:
-            refusals.append(
-                (
-                    np.ones(len(reader), bool),
-                    "nothing says whether the phone is iOS or Android, so the sign is unknown",
-                )
-            )
+            reason = "nothing says whether the phone is iOS or Android, so the sign is unknown"
+            refusals.append((np.ones(len(reader), bool), reason))
         kept = np.ones(len(reader), bool)
         for refused, reason in refusals:
-            yield from rejects(columns, refused & kept, reason)
+            yield from reader.rejects(refused & kept, reason)
             kept &= ~refused
-        yield take(columns, kept)
+        yield reader.batch(_KINDS[sensor.family], time_ns, fields, kept)
 
 
-def _with_gravity(rows: Columns) -> Columns:
+def _with_gravity(rows: RowBatch) -> RowBatch:
     """Add gravity to the accelerations without it where the specific force is not logged."""
-    sums = {
-        f"accel_{axis}_mps2": np.where(
-            np.isnan(rows[f"accel_{axis}_mps2"]),
-            rows[f"gravity_{axis}"] + rows[f"linear_accel_{axis}_mps2"],
-            rows[f"accel_{axis}_mps2"],
-        )
-        for axis in AXES
-    }
-    return {**rows, **sums}
+    columns = dict(rows.columns)
+    for axis in AXES:
+        parts = [columns.get(name.format(axis)) for name in ("gravity_{}", "linear_accel_{}_mps2")]
+        if parts[0] is not None and parts[1] is not None:
+            logged = columns.get(f"accel_{axis}_mps2")
+            total = parts[0].values + parts[1].values
+            if logged is not None:
+                total = np.where(np.isnan(logged.values), total, logged.values)
+            columns[f"accel_{axis}_mps2"] = Column(total)
+    return replace(rows, columns=columns)

@@ -1,17 +1,21 @@
 """Tables whose columns are found by name."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.conversion import Columns
+from spoofbench.conversion import Rejects, RowBatch
+from spoofbench.table import Column
 from spoofbench_converters.text import numbers
 from spoofbench_converters.text.lines import Rows
 
 NOT_A_NUMBER = "a cell that must be a number is none"
 WRONG_WIDTH = "the number of cells is not that of the header"
+
+Fields = Mapping[str, NDArray[Any] | Column]
+"""Values of rows by field: an array ``(n,)``, or a column that says which rows have it."""
 
 
 class ColumnReader:
@@ -36,6 +40,16 @@ class ColumnReader:
 
     def __contains__(self, name: str) -> bool:
         return self.places.get(name, self._width) < self._width
+
+    @property
+    def offset(self) -> NDArray[np.int64]:
+        """Where each row begins in the log, in bytes, ``(n,)``."""
+        return self.rows.lines.offsets
+
+    @property
+    def units(self) -> NDArray[np.int64]:
+        """How many bytes each row takes, ``(n,)``."""
+        return self.rows.lines.lengths
 
     def floats(self, *names: str) -> NDArray[np.float64]:
         """Return the first of these columns that there is, NaN where a cell is empty, or where
@@ -73,11 +87,14 @@ class ColumnReader:
             else np.zeros(len(self), "S1")
         )
 
-    def account(self) -> Columns:
-        """Return where the rows lie in the log: ``offset`` and ``length``."""
-        return {"offset": self.rows.lines.offsets, "length": self.rows.lines.lengths}
+    def rejects(self, rows: NDArray[np.bool_], reason: str) -> Iterator[Rejects]:
+        """Yield the rows that a mask selects as rejects, if there are any."""
+        if rows.any():
+            yield Rejects(self.offset[rows], self.units[rows], reason)
 
-
-def held(values: tuple[NDArray[Any], NDArray[np.bool_]], name: str) -> Columns:
-    """Return an integer column with the one that says which rows have it."""
-    return {name: values[0], f"{name}?": values[1]}
+    def batch(
+        self, kind: str, time_ns: NDArray[np.int64], fields: Fields, rows: NDArray[np.bool_]
+    ) -> RowBatch:
+        """Return the rows that a mask selects as rows of a kind, whose bytes they take."""
+        whole = RowBatch.of(kind, time_ns, fields, self.offset, self.units)
+        return whole if rows.all() else whole.take(rows)

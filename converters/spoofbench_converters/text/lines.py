@@ -9,7 +9,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.conversion import Reject
+from spoofbench.conversion import Reject, Rejects
 
 PIECE_BYTES = 2**22
 LONGEST_LINE_BYTES = 2**16
@@ -41,6 +41,11 @@ class Lines:
         return Lines(
             self.octets, self.starts[rows], self.ends[rows], self.offsets[rows], self.lengths[rows]
         )
+
+    def rejects(self, rows: NDArray[np.bool_], reason: str) -> Iterator[Rejects]:
+        """Yield the lines that a mask selects as rejects, if there are any."""
+        if rows.any():
+            yield Rejects(self.offsets[rows], self.lengths[rows], reason)
 
     def text(self, row: int) -> str:
         """Return one line's text."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spoofbench.conversion.contract import Block, Rejects
-from spoofbench.schema import KINDS, Kind, split_topic
+from spoofbench.schema import KINDS, Field, Kind, split_topic
 from spoofbench.table import Column, Rows, Table, as_column, concat_columns
 
 Columns = dict[str, NDArray[Any]]
@@ -22,7 +22,7 @@ Columns = dict[str, NDArray[Any]]
 
 SECOND_NS = 1_000_000_000
 
-
+_NO_FIELD = Field("", 0, "float", "float64")
 _MAX_IDLE_CATEGORIES = 1000
 """So many texts are remembered that no held row uses any more."""
 
@@ -34,7 +34,8 @@ class RowBatch:
     Attributes:
         kind: of the schema.
         time_ns: int64 ``(n,)``.
-        columns: by field; a field that is not there is absent in every row.
+        columns: by field; a field that is not there is absent in every row. Numbers under a name
+            that is no field stay with the rows, but not in their block.
         offset: int64 ``(n,)``: where each row begins in the source, in its units.
         units: int64 ``(n,)``: how many units each row takes; 0 where others account for them.
     """
@@ -56,7 +57,9 @@ class RowBatch:
     ) -> Self:
         """Return rows whose columns are given as to :class:`~spoofbench.table.Table`."""
         fields = KINDS[kind].fields
-        made = {name: as_column(fields[name], given) for name, given in columns.items()}
+        made = {
+            name: as_column(fields.get(name, _NO_FIELD), given) for name, given in columns.items()
+        }
         return cls(KINDS[kind], time_ns, made, offset, units)
 
     def __len__(self) -> int:
@@ -80,7 +83,9 @@ class RowBatch:
         names = {name for batch in batches for name in batch.columns}
         columns = {
             name: concat_columns(
-                kind.fields[name], [batch.columns.get(name) for batch in batches], sizes
+                kind.fields.get(name, _NO_FIELD),
+                [batch.columns.get(name) for batch in batches],
+                sizes,
             )
             for name in names
         }
@@ -92,7 +97,8 @@ class RowBatch:
 
     def block(self, topic: str) -> Block:
         """Return the rows, which must be in the order of time, as a block of a topic."""
-        table = Table(self.kind.name, self.time_ns, self.columns)
+        columns = {name: c for name, c in self.columns.items() if name in self.kind.fields}
+        table = Table(self.kind.name, self.time_ns, columns)
         return Block(topic, table, int(self.units.sum()))
 
     def rejects(self, reason: str) -> Rejects:
@@ -116,8 +122,8 @@ class RowBuffer:
         kind, nothing = KINDS[split_topic(topic)[1]], np.empty(0, np.int64)
         self._sorter = TimeSorter(window_ns)
         self._held = RowBatch(kind, nothing, {}, nothing, nothing)
-        self._gone = np.empty(0, bool)  # which of the held rows have been given already
-        self._first = 0  # running number of the first held row
+        self._numbers = nothing  # running numbers of the held rows
+        self._count = 0  # rows taken so far
 
     def push(self, rows: RowBatch) -> Iterator[Block | Rejects]:
         """Take the next rows of the log; yield what is ready and what came too late."""
@@ -131,11 +137,11 @@ class RowBuffer:
         """Take the next rows; return those that are ready, in the order of time, and those that
         are refused.
         """
-        first = self._first + len(self._held)
+        numbers = np.arange(self._count, self._count + len(rows))
+        self._count += len(rows)
         self._held = RowBatch.concat([self._held, rows]) if len(self._held) else rows
-        self._gone = np.concatenate([self._gone, np.zeros(len(rows), bool)])
-        numbered = {"time_ns": rows.time_ns, "number": np.arange(first, first + len(rows))}
-        return self._taken(*self._sorter.push(numbered))
+        self._numbers = np.concatenate([self._numbers, numbers])
+        return self._taken(*self._sorter.push({"time_ns": rows.time_ns, "number": numbers}))
 
     def rest(self) -> tuple[RowBatch, RowBatch]:
         """Return the rows still held, as ``(ready, refused)``."""
@@ -148,18 +154,16 @@ class RowBuffer:
             yield refused.rejects(f"time runs backwards in {self.topic}")
 
     def _taken(self, ready: Columns, refused: Columns) -> tuple[RowBatch, RowBatch]:
-        """Return the rows of these numbers, and let go of all before the first that is held."""
-        taken = []
+        """Return the rows of these numbers, and hold the others alone: refused ones may be many."""
+        taken, gone = [], np.zeros(len(self._held), bool)
         for numbered in (ready, refused):
-            index = numbered.get("number", np.empty(0, np.int64)) - self._first
-            self._gone[index] = True
+            index = np.searchsorted(self._numbers, numbered.get("number", np.empty(0, np.int64)))
+            gone[index] = True
             taken.append(self._held.take(_contiguous(index)))
-        held = len(self._held)
-        count = held if self._gone.all() else int(np.argmin(self._gone))
-        if count:
-            self._held = _without_idle_categories(self._held.take(slice(count, None)))
-            self._gone = self._gone[count:]
-            self._first += count
+        if gone.any():
+            left = _contiguous(np.flatnonzero(~gone))
+            self._held = _without_idle_categories(self._held.take(left))
+            self._numbers = self._numbers[left]
         return taken[0], taken[1]
 
 

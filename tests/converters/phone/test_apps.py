@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from spoofbench_converters import phone
 
-from spoofbench.conversion import Block, Reject, Rejects, Source, SourceMetadata
+from spoofbench.conversion import Block, Reject, Rejects, Source, SourceMetadata, Used
 from spoofbench.errors import ConversionError
 from spoofbench.recording import Recording
 from spoofbench.table import Table
@@ -48,6 +48,8 @@ def converted(path: Path, **options: Any) -> Result:
             used += item.used
             if len(item.table):
                 parts.setdefault(item.topic, []).append(item.table)
+        elif isinstance(item, Used):
+            used += item.units
         elif isinstance(item, Reject):
             reasons[item.reason] += item.length
         elif isinstance(item, Rejects):
@@ -56,20 +58,11 @@ def converted(path: Path, **options: Any) -> Result:
             for name, record in item.metadata.items():
                 facts.setdefault(name, {}).update(record)
     return Result(
-        Recording({topic: _joined(tables) for topic, tables in parts.items()}), used, reasons, facts
+        Recording({topic: Table.concat(tables) for topic, tables in parts.items()}),
+        used,
+        reasons,
+        facts,
     )
-
-
-def _joined(tables: list[Table]) -> Table:
-    assert len(tables) > 0
-    names = {name for table in tables for name in table}
-    columns: dict[str, Any] = {}
-    for name in names:
-        if tables[0].column(name).words is not None:
-            columns[name] = [word for table in tables for word in table.words(name)]
-        else:
-            columns[name] = np.concatenate([table[name] for table in tables])
-    return Table(tables[0].kind.name, np.concatenate([table.time_ns for table in tables]), columns)
 
 
 def vectors(table: Table, names: list[str]) -> np.ndarray[Any, np.dtype[np.float64]]:

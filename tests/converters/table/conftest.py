@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from spoofbench_converters import table
 
-from spoofbench.conversion import Block, Ledger, Reject, Rejects, Source, SourceMetadata
+from spoofbench.conversion import Block, Ledger, Reject, Rejects, Source, SourceMetadata, Used
 from spoofbench.recording import Recording
-from spoofbench.table import Column, Table
+from spoofbench.table import Table
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 
@@ -41,20 +40,6 @@ class Result:
         return self.ledger.used + self.ledger.skipped
 
 
-def joined(parts: list[Table]) -> Table:
-    """Return the rows of successive blocks of a topic as one table."""
-    columns: dict[str, Any] = {}
-    for name in dict.fromkeys(name for part in parts for name in part):
-        if parts[0].kind.fields[name].category == "text":
-            columns[name] = [word for part in parts for word in part.words(name)]
-        else:
-            columns[name] = Column(
-                np.concatenate([part[name] for part in parts]),
-                np.concatenate([part.valid(name) for part in parts]),
-            )
-    return Table(parts[0].kind.name, np.concatenate([part.time_ns for part in parts]), columns)
-
-
 def convert_table(path: Path, **options: Any) -> Result:
     """Convert a log."""
     return convert_by(table, path, **options)
@@ -65,7 +50,7 @@ def convert_by(converter: Any, path: Path, **options: Any) -> Result:
     tables: dict[str, list[Table]] = {}
     ledger, metadata = Ledger("bytes"), {}
     for item in converter.convert(Source.of(path), converter.Options(**options)):
-        if isinstance(item, Block | Reject | Rejects):
+        if isinstance(item, Block | Used | Reject | Rejects):
             ledger.enter(item)
         if isinstance(item, Block) and len(item.table):
             tables.setdefault(item.topic, []).append(item.table)
@@ -73,7 +58,7 @@ def convert_by(converter: Any, path: Path, **options: Any) -> Result:
             for name, record in item.metadata.items():
                 metadata.setdefault(name, {}).update(record)
     return Result(
-        Recording({topic: joined(parts) for topic, parts in tables.items()}, metadata),
+        Recording({topic: Table.concat(parts) for topic, parts in tables.items()}, metadata),
         ledger,
         metadata,
     )
