@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench_converters.append_clock import ClockAppender
+
 STEP_NS = 100_000_000
 JUMP_NS = (
     10_000_000_000  # sensors that are handed over in batches stand up to this behind each other
@@ -30,15 +32,12 @@ class ElapsedTimeAxis:
         offset_ns: Unix time minus elapsed time since boot; None where the log has no elapsed time.
         basis: which rows said so.
         shift_ns: what is added to a time that the GNSS receiver claims, where a row has no other.
-        jumps: where the clock jumped back, and what is added to the times from there on.
     """
 
     offset_ns: int | None = None
     basis: str = "no row has elapsed time: times are those that each row claims"
     shift_ns: int = 0
-    jumps: list[tuple[int, int]] = field(default_factory=list)
-    _interval_ns: int | None = None
-    _last: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    _appender: ClockAppender = field(default_factory=lambda: ClockAppender(JUMP_NS))
 
     @classmethod
     def of(cls, sensors: Pairs, fixes: Pairs, raw: Pairs) -> "ElapsedTimeAxis":
@@ -74,34 +73,17 @@ class ElapsedTimeAxis:
         times = np.where(
             has, elapsed[0] + (self.offset_ns or 0), claimed[0] + (self.shift_ns if shift else 0)
         )
-        if self.jumps:
-            places = np.array([offset for offset, _ in self.jumps])
-            shifts = np.array([0, *(shift_ns for _, shift_ns in self.jumps)])
-            times = times + shifts[np.searchsorted(places, offsets, "right")]
-        return times, has | own
+        return times + self._appender.added_at(offsets), has | own
 
     def append(self, offsets: NDArray[np.int64], times_ns: NDArray[np.int64]) -> None:
-        """Let rows after a jump back of the clock follow those before it, after their median
-        interval.
+        """Let rows after a jump back of the clock follow those before it.
 
         Args:
-            offsets: where the rows that tell the time lie, in the order of the log.
-            times_ns: their times, as :meth:`times` gives them without jumps.
+            offsets: where the rows of the next piece that tell the time lie, in the order of the
+                log, int64 ``(n,)``.
+            times_ns: their times, as :meth:`times` gives them without jumps, int64 ``(n,)``.
         """
-        if self._interval_ns is None:
-            steps = np.diff(times_ns)
-            self._interval_ns = _median(steps[steps > 0]) or 0
-        before = np.concatenate([self._last, times_ns])
-        known = self._last.size
-        self._last = before[-2:]
-        ahead = np.append(before[1:], before[-1:])
-        lower = np.minimum(before, np.concatenate([before[:1], before[:-1]]))
-        back = np.zeros(before.size, bool)
-        back[1:] = np.maximum(before, ahead)[1:] < lower[:-1] - JUMP_NS
-        for place in np.flatnonzero(back[known:])[: MOST_STEPS - len(self.jumps)].tolist():
-            shift = self.jumps[-1][1] if self.jumps else 0
-            jump = int(before[known + place - 1] - times_ns[place]) + self._interval_ns
-            self.jumps.append((int(offsets[place]), shift + jump))
+        self._appender.push(offsets, times_ns)
 
 
 def _median(values: NDArray[np.int64]) -> int | None:

@@ -13,17 +13,14 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Literal
 
-import numpy as np
-
-from spoofbench.conversion import Block, Item, Reject, Rejects, SizeHint, Source, SourceMetadata
+from spoofbench.conversion import Item, Reject, Rejects, SizeHint, Source, SourceMetadata, Used
 from spoofbench.errors import ConversionError
 from spoofbench.schema import split_topic
-from spoofbench.table import Table
 from spoofbench_converters.table.anchoring import start_of
 from spoofbench_converters.table.export import export
 from spoofbench_converters.table.mapping import Mapping, load_mapping
 from spoofbench_converters.table.reading import rows
-from spoofbench_converters.table.rows import Topics
+from spoofbench_converters.table.rows import TableRows
 from spoofbench_converters.table.session import open_session, sniff
 
 __all__ = ["UNIT", "VERSION", "Options", "convert", "export", "load_mapping", "sniff"]
@@ -79,21 +76,18 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
     )
     base = 0
     for table in session.tables():
-        topics = Topics(table, start_ns, options.append_clock)
+        made = TableRows(table, start_ns, options.append_clock)
         for item in rows(table, session.files[table.name], base):
+            base += int(item.lengths.sum())
             if isinstance(item, Rejects):
-                base += int(item.lengths.sum())
                 yield item
             else:
-                base += int(item.lengths.sum()) + item.besides
-                yield from topics.push(item)
-        yield from topics.finish()
-        yield from _learned(topics)
+                base += item.besides
+                yield from made.push(item)
+        yield from made.finish()
+        yield from _learned(made)
     if session.tags is not None:
-        first = next(session.tables()).topics[0]
-        yield Block(
-            first.topic, Table(first.kind, np.zeros(0, np.int64), {}), session.tags.size() or 0
-        )
+        yield Used(session.tags.size() or 0)
     for file in session.unused:
         octets = file.count()
         yield Reject(base, octets, "a file that is not in the mapping")
@@ -102,19 +96,14 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
         yield SourceMetadata({"recording": {"session_id": options.session}})
 
 
-def _learned(topics: Topics) -> Iterator[SourceMetadata]:
+def _learned(rows: TableRows) -> Iterator[SourceMetadata]:
     """Yield what the rows of a table showed."""
-    for topic, held in topics.held.items():
-        yield SourceMetadata({f"source/{split_topic(topic)[0]}": {"repeated_rows": str(held)}})
-    if topics.steps:
-        yield SourceMetadata(
-            {
-                "recording": {
-                    "clock_steps": json.dumps(topics.steps),
-                    "clock_step_count": str(topics.step_count),
-                }
-            }
-        )
+    for topic, count in rows.repeated.items():
+        yield SourceMetadata({f"source/{split_topic(topic)[0]}": {"repeated_rows": str(count)}})
+    if rows.appender and rows.appender.steps:
+        steps, count = rows.appender.steps, rows.appender.step_count
+        record = {"clock_steps": json.dumps(steps), "clock_step_count": str(count)}
+        yield SourceMetadata({"recording": record})
 
 
 def _only(mapping: Mapping, source: str) -> Mapping:

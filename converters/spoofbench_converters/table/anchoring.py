@@ -13,8 +13,8 @@ from spoofbench_converters.table.fields import TimeSpec, moment_ns
 from spoofbench_converters.table.mapping import Anchor, TableSpec
 from spoofbench_converters.table.reading import rows
 from spoofbench_converters.table.session import Session
-from spoofbench_converters.table.text import Rows
-from spoofbench_converters.table.times import Clock
+from spoofbench_converters.table.text import CellBatch
+from spoofbench_converters.table.times import TimeReader
 
 TAGS = 1000
 TAG = np.dtype([("tick", "<u4"), ("octets", "<u4")])
@@ -67,11 +67,11 @@ def _table(session: Session, name: str) -> TableSpec:
     return next(table for table in session.mapping.tables if table.name == name)
 
 
-def _rows(session: Session, table: TableSpec) -> Iterator[Rows]:
+def _rows(session: Session, table: TableSpec) -> Iterator[CellBatch]:
     yield from (
         item
         for item in rows(table, session.files[table.name], 0)
-        if isinstance(item, Rows) and item.offsets.size
+        if isinstance(item, CellBatch) and item.offsets.size
     )
 
 
@@ -79,7 +79,7 @@ def _first(session: Session, table: TableSpec) -> int:
     """Return what the clock of a table counts at its first row."""
     assert table.time is not None
     for part in _rows(session, table):
-        count_ns, bad = Clock(table.time).read(part.columns)
+        count_ns, bad = TimeReader(table.time).read(part.columns)
         if not bad.all():
             return int(count_ns[np.argmin(bad)])
     raise ConversionError(f"the table {table.name!r} of the mapping has no row with a time")
@@ -93,8 +93,8 @@ def _by_row(session: Session, anchor: Anchor, time: TimeSpec) -> int:
     assert table.time is not None
     own = replace(table, time=replace(table.time, also=time.columns()))
     for part in _rows(session, own):
-        count_ns, without_count = Clock(table.time).read(part.columns)
-        moment_ns, without_time = Clock(time).read(part.columns)
+        count_ns, without_count = TimeReader(table.time).read(part.columns)
+        moment_ns, without_time = TimeReader(time).read(part.columns)
         good = np.flatnonzero(~without_count & ~without_time & (moment_ns > 0))
         if good.size:
             return int(np.sort(moment_ns[good] - count_ns[good])[good.size // 2])
@@ -116,7 +116,7 @@ def _by_tags(session: Session, anchor: Anchor) -> int:
     assert session.tags is not None
     origin_ns, ticks_ms, octets = _read_tags(session)
     for part in _rows(session, table):
-        count_ns, bad = Clock(table.time).read(part.columns)
+        count_ns, bad = TimeReader(table.time).read(part.columns)
         size = session.files[table.name][0].size() or 0
         shortened = int(octets[-1]) > size
         ends = part.offsets + part.lengths + (np.arange(1, bad.size + 1) if shortened else 0)

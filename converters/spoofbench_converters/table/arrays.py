@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from spoofbench.errors import ConversionError, LimitError
 from spoofbench_converters.table.files import read_up_to
-from spoofbench_converters.table.text import Rows
+from spoofbench_converters.table.text import CellBatch
 
 MAX_ARRAY_BYTES = 2**30
 BATCH_ROWS = 65_536
@@ -51,7 +51,7 @@ def column_names(arrays: Arrays, names: Sequence[str] = ()) -> tuple[str, ...]:
     return tuple(found)
 
 
-def rows_of(arrays: Arrays, names: Sequence[str], shares: Shares) -> Iterator[Rows]:
+def rows_of(arrays: Arrays, names: Sequence[str], shares: Shares) -> Iterator[CellBatch]:
     """Yield the rows of arrays of equal length ``(n,)`` or ``(n, k)``.
 
     Raises:
@@ -74,7 +74,7 @@ def rows_of(arrays: Arrays, names: Sequence[str], shares: Shares) -> Iterator[Ro
             name: pa.array(np.ascontiguousarray(column[first : first + BATCH_ROWS]))
             for name, column in by_name.items()
         }
-        yield Rows(part, *shares.next(min(BATCH_ROWS, total - first)))
+        yield CellBatch(part, *shares.next(min(BATCH_ROWS, total - first)))
 
 
 def read_npy(file: IO[bytes], name: str) -> NDArray[Any]:
@@ -155,7 +155,7 @@ def matched(arrays: Arrays, index: str) -> Arrays:
 
 def parquet_rows(
     file: IO[bytes], name: str, wanted: Sequence[str], base: int, octets: int
-) -> Iterator[Rows]:
+) -> Iterator[CellBatch]:
     """Yield the rows of a Parquet file.
 
     Raises:
@@ -172,7 +172,7 @@ def parquet_rows(
             read += batch.num_rows
             if read > table.metadata.num_rows:
                 break
-            yield Rows(
+            yield CellBatch(
                 {column: _plain(batch.column(column)) for column in wanted},
                 *shares.next(batch.num_rows),
             )
@@ -184,7 +184,7 @@ def parquet_rows(
             "but holds others"
         )
     if not read:
-        yield Rows({}, np.zeros(0, np.int64), np.zeros(0, np.int64), octets)
+        yield CellBatch({}, np.zeros(0, np.int64), np.zeros(0, np.int64), octets)
 
 
 def parquet_columns(file: IO[bytes], name: str) -> tuple[str, ...]:

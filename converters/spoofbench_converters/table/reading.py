@@ -14,11 +14,11 @@ from spoofbench_converters.table.files import File, array_name
 from spoofbench_converters.table.mapping import TableSpec
 from spoofbench_converters.table.matfile import read_mat
 from spoofbench_converters.table.rows import used_columns
-from spoofbench_converters.table.text import Head, Records, Rows, read_head
+from spoofbench_converters.table.text import CellBatch, Head, Records, read_head
 from spoofbench_converters.table.topic import resolve
 
 
-def rows(table: TableSpec, files: Sequence[File], base: int) -> Iterator[Rows | Rejects]:
+def rows(table: TableSpec, files: Sequence[File], base: int) -> Iterator[CellBatch | Rejects]:
     """Yield the rows of a table's files, the first of which lies at ``base`` in the source, in file
     order.
     """
@@ -27,7 +27,7 @@ def rows(table: TableSpec, files: Sequence[File], base: int) -> Iterator[Rows | 
         return
     for file in files:
         for item in _file_rows(table, file, base):
-            base += int(item.lengths.sum()) + (item.besides if isinstance(item, Rows) else 0)
+            base += int(item.lengths.sum()) + (item.besides if isinstance(item, CellBatch) else 0)
             yield item
 
 
@@ -61,7 +61,7 @@ def least_width(table: TableSpec) -> int:
     )
 
 
-def _file_rows(table: TableSpec, file: File, base: int) -> Iterator[Rows | Rejects]:
+def _file_rows(table: TableSpec, file: File, base: int) -> Iterator[CellBatch | Rejects]:
     if file.format == "parquet":
         with file.seekable() as opened:
             octets = opened.seek(0, io.SEEK_END)
@@ -101,7 +101,7 @@ def _names(table: TableSpec, head: Head, name: str) -> tuple[str, ...]:
     return table.columns[: head.width] if head.width else table.columns
 
 
-def _npy_rows(table: TableSpec, files: Sequence[File], base: int) -> Iterator[Rows | Rejects]:
+def _npy_rows(table: TableSpec, files: Sequence[File], base: int) -> Iterator[CellBatch | Rejects]:
     found: dict[str, NDArray[Any]] = {}
     octets = 0
     for file in files:

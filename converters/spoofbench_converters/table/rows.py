@@ -1,27 +1,28 @@
-"""From the columns of a table to rows of topics."""
+"""From the cells of a table to rows of topics."""
 
 import difflib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from spoofbench.conversion import Block, Columns, Item, Rejects, TimeSorter
-from spoofbench.conversion.rows import take
+from spoofbench.conversion import Item, Rejects, RowBatch, RowBuffer, Used
 from spoofbench.errors import ConversionError
-from spoofbench.table import Table
-from spoofbench_converters.table.appending import Appending
+from spoofbench.table import Column
+from spoofbench_converters.append_clock import ClockAppender
 from spoofbench_converters.table.cells import Bools
 from spoofbench_converters.table.mapping import TableSpec
-from spoofbench_converters.table.text import Rows
-from spoofbench_converters.table.times import Clock
-from spoofbench_converters.table.topic import Topic, resolve
+from spoofbench_converters.table.text import CellBatch
+from spoofbench_converters.table.times import TimeReader
+from spoofbench_converters.table.topic import TopicReader, resolve
 
 _NO_TIME = "a time that is none"
 _BAD = "a cell of {!r} that is not what the column holds"
-_HELD = "repeated row"
+_REPEATED = "repeated row"
 _NOTHING = "nothing in the columns that are mapped"
 _OTHER = "of no topic of the mapping"
 _BACKWARDS = "time runs backwards"
+_IS_ROW = "is_row"
 
 
 def used_columns(table: TableSpec, available: tuple[str, ...]) -> tuple[str, ...]:
@@ -49,8 +50,10 @@ def used_columns(table: TableSpec, available: tuple[str, ...]) -> tuple[str, ...
     return tuple(dict.fromkeys(found))
 
 
-class Topics:
-    """Makes rows of topics from the rows of one table, as they stream by.
+class TableRows:
+    """Makes rows of topics from the cells of one table, as they stream by.
+
+    All rows of a table are put in order together, whichever topics they are of.
 
     Args:
         table: what the mapping says.
@@ -58,105 +61,110 @@ class Topics:
         append_clock: a clock that jumps back goes on at its interval.
 
     Attributes:
-        held: by topic, how many rows only repeated the row before.
-        steps: where the clock jumped back and was appended.
+        appender: of the clock, where it was to be appended.
     """
 
     def __init__(self, table: TableSpec, start_ns: int = 0, append_clock: bool = False) -> None:
         assert table.time is not None
-        self._clock = Clock(table.time, start_ns)
-        self._topics = [Topic(topic, f"{place}|") for place, topic in enumerate(table.topics)]
-        self._order = TimeSorter()
-        self._appending = Appending() if append_clock else None
+        self._clock = TimeReader(table.time, start_ns)
+        self._topics = [TopicReader(topic) for topic in table.topics]
+        self._buffers = [RowBuffer(topic.topic) for topic in table.topics]
+        self.appender = ClockAppender() if append_clock else None
+        self._last: list[RowBatch] = []  # where the clock is appended, the row whose next decides
 
     @property
-    def held(self) -> dict[str, int]:
-        return {topic.spec.topic: topic.held for topic in self._topics if topic.spec.changes}
+    def repeated(self) -> dict[str, int]:
+        """How many rows of a topic only repeated the row before, by topic."""
+        return {topic.spec.topic: topic.repeated for topic in self._topics if topic.spec.changes}
 
-    @property
-    def step_count(self) -> int:
-        return self._appending.step_count if self._appending else 0
-
-    @property
-    def steps(self) -> list[dict[str, int]]:
-        return self._appending.steps if self._appending else []
-
-    def push(self, rows: Rows) -> Iterator[Item]:
+    def push(self, cells: CellBatch) -> Iterator[Item]:
         """Yield what rows say, and which of them say nothing."""
-        columns, rejects = self._columns(rows)
+        if cells.besides:
+            yield Used(cells.besides)
+        if not cells.offsets.size:
+            return
+        batches, rejects = self._read(cells)
         yield from rejects
-        yield from self._ordered(columns, rows.besides)
+        if self.appender:
+            batches = self._appended(self.appender, batches)
+        if len(batches[0]):
+            yield from self._items(
+                [buffer.sort(rows) for buffer, rows in zip(self._buffers, batches, strict=True)]
+            )
 
     def finish(self) -> Iterator[Item]:
         """Yield what was still held back."""
-        if self._appending:
-            yield from self._in_order(self._appending.flush(), 0)
-        ready, refused = self._order.flush()
-        if ready:
-            yield from self._refuse(refused)
-            yield from self._blocks(ready, 0)
+        if self.appender and self._last:
+            batches = _moved(self.appender, self._last, None)
+            yield from self._items(
+                [buffer.sort(rows) for buffer, rows in zip(self._buffers, batches, strict=True)]
+            )
+        yield from self._items([buffer.rest() for buffer in self._buffers])
 
-    def _columns(self, rows: Rows) -> tuple[Columns, list[Rejects]]:
-        """Return the columns of all topics in the rows that say something, and the others."""
-        count = rows.offsets.size
-        if not count:
-            return {}, []
-        time_ns, no_time = self._clock.read(rows.columns)
-        columns: Columns = {"time_ns": time_ns, "offset": rows.offsets, "length": rows.lengths}
-        mine, some, held, is_bad = (np.zeros(count, bool) for _ in range(4))
+    def _read(self, cells: CellBatch) -> tuple[list[RowBatch], list[Rejects]]:
+        """Return all rows that say something as rows of each topic, and the others.
+
+        Which rows a topic has is in a column ``_IS_ROW``. The bytes of a row go to the first topic
+        that has it.
+        """
+        count = cells.offsets.size
+        time_ns, no_time = self._clock.read(cells.columns)
+        selected, some, repeated, is_bad = (np.zeros(count, bool) for _ in range(4))
         bad: dict[str, Bools] = {}
+        batches = []
         for topic in self._topics:
-            found = topic.read(rows.columns, count)
-            columns |= found.columns
-            mine |= found.mine
+            found = topic.read(cells.columns, count)
+            units = np.where(found.some & ~some, cells.lengths, 0)
+            columns = {**found.columns, _IS_ROW: Column(found.some)}
+            batches.append(RowBatch.of(topic.spec.kind, time_ns, columns, cells.offsets, units))
+            selected |= found.selected
+            some |= found.some
+            repeated |= found.repeated
             for name, wrong in found.bad.items():
                 bad[name] = bad.get(name, False) | wrong
                 is_bad |= wrong
-            some |= found.some
-            held |= found.held
         taken = some & ~is_bad & ~no_time
         rejects, left = [], ~taken
-        wrongs = [(_BAD.format(name), wrong) for name, wrong in sorted(bad.items())]
         for reason, wrong in (
-            (_OTHER, ~mine),
-            *wrongs,
+            (_OTHER, ~selected),
+            *((_BAD.format(name), wrong) for name, wrong in sorted(bad.items())),
             (_NO_TIME, no_time),
-            (_HELD, held),
+            (_REPEATED, repeated),
             (_NOTHING, ~some),
         ):
             now = left & wrong
             if now.any():
-                rejects.append(Rejects(rows.offsets[now], rows.lengths[now], reason))
+                rejects.append(Rejects(cells.offsets[now], cells.lengths[now], reason))
                 left = left & ~wrong
-        return (columns if taken.all() else take(columns, taken)), rejects
+        return (batches if taken.all() else [rows.take(taken) for rows in batches]), rejects
 
-    def _ordered(self, columns: Columns, besides: int) -> Iterator[Item]:
-        if columns and self._appending:
-            columns = self._appending.push(columns)
-        yield from self._in_order(columns, besides)
+    def _appended(self, appender: ClockAppender, batches: Sequence[RowBatch]) -> list[RowBatch]:
+        """Return the rows but the last, whose time shows with the next one, with appended times."""
+        if self._last:
+            pairs = zip(self._last, batches, strict=True)
+            batches = [RowBatch.concat(pair) for pair in pairs]
+        if not len(batches[0]):
+            return list(batches)
+        self._last = [rows.take(slice(-1, None)) for rows in batches]
+        following_ns = int(batches[0].time_ns[-1])
+        return _moved(appender, [rows.take(slice(0, -1)) for rows in batches], following_ns)
 
-    def _in_order(self, columns: Columns, besides: int) -> Iterator[Item]:
-        if columns and columns["time_ns"].size:
-            ready, refused = self._order.push(columns)
-            yield from self._refuse(refused)
-            yield from self._blocks(ready, besides)
-        elif besides:
-            spec = self._topics[0].spec
-            yield Block(spec.topic, Table(spec.kind, np.zeros(0, np.int64), {}), besides)
+    def _items(self, parts: Sequence[tuple[RowBatch, RowBatch]]) -> Iterator[Item]:
+        """Yield the rows of each topic that are ready, and those that are refused."""
+        refused = [late for _, late in parts]
+        if len(refused[0]):
+            lengths = np.sum([rows.units for rows in refused], axis=0)
+            yield Rejects(refused[0].offset, lengths, _BACKWARDS)
+        for topic, (ready, _) in zip(self._topics, parts, strict=True):
+            is_row = ready.columns[_IS_ROW].values if len(ready) else np.zeros(0, bool)
+            if is_row.any():
+                yield topic.derived(ready.take(is_row)).block(topic.spec.topic)
 
-    def _refuse(self, refused: Columns) -> Iterator[Item]:
-        if refused and refused["time_ns"].size:
-            yield Rejects(refused["offset"], refused["length"], _BACKWARDS)
 
-    def _blocks(self, ready: Columns, besides: int) -> Iterator[Item]:
-        """Yield each topic's rows; what a row takes of the source goes to the first topic that has
-        it.
-        """
-        free = np.ones(ready["time_ns"].size, bool)
-        for topic in self._topics:
-            rows = ready[f"{topic.key}row"]
-            used = int(ready["length"][rows & free].sum()) + besides
-            free &= ~rows
-            if rows.any() or used:
-                yield Block(topic.spec.topic, topic.table(take(ready, rows)), used)
-            besides = 0
+def _moved(
+    appender: ClockAppender, batches: Sequence[RowBatch], following_ns: int | None
+) -> list[RowBatch]:
+    """Return rows with the times of the appended clock."""
+    first = batches[0]
+    time_ns = first.time_ns + appender.push(first.offset, first.time_ns, following_ns)
+    return [replace(rows, time_ns=time_ns) for rows in batches]

@@ -43,7 +43,7 @@ _ENDLESS = "a record of more than 1 MiB"
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class CellBatch:
     """Successive rows of a table.
 
     Attributes:
@@ -159,11 +159,11 @@ class Records:
         self._at = base
         self._line_end = LF
 
-    def read(self, file: IO[bytes], head: Head) -> Iterator[Rows | Rejects]:
+    def read(self, file: IO[bytes], head: Head) -> Iterator[CellBatch | Rejects]:
         """Yield the rows of a file, and what is none."""
         self._line_end = head.line_end
         file.read(head.octets)
-        yield Rows({}, np.zeros(0, np.int64), np.zeros(0, np.int64), head.octets)
+        yield CellBatch({}, np.zeros(0, np.int64), np.zeros(0, np.int64), head.octets)
         self._at += head.octets
         rest, endless, last = b"", 0, False
         while not last:
@@ -190,7 +190,7 @@ class Records:
             return find_by_blanks(octets, self._line_end, last)
         return find(octets, self._delimiter, self._line_end, self._comment, last)
 
-    def _sorted(self, octets: Octets, found: Found) -> Iterator[Rows | Rejects]:
+    def _sorted(self, octets: Octets, found: Found) -> Iterator[CellBatch | Rejects]:
         """Yield the rows of complete records, and those that are damaged."""
         offsets, lengths = found.starts + self._at, found.lengths()
         besides = starts_with(octets, found.starts, self._comment)
@@ -217,7 +217,7 @@ class Records:
         kept[_last_octets(octets, found)[trailing & sound]] = False
         text = octets if kept.all() else octets[kept]
         sizes = (lengths - trailing)[sound]
-        rows = Rows({}, offsets[sound], lengths[sound], int(lengths[besides].sum()))
+        rows = CellBatch({}, offsets[sound], lengths[sound], int(lengths[besides].sum()))
         yield from self._rows(text, sizes, rows)
 
     def _trailing(self, octets: Octets, found: Found) -> NDArray[np.bool_]:
@@ -240,15 +240,17 @@ class Records:
             wrong[place] = not _decodes(octets[found.starts[place] : stops[place]])
         return wrong
 
-    def _rows(self, octets: Octets, sizes: Places, rows: Rows) -> Iterator[Rows | Rejects]:
+    def _rows(
+        self, octets: Octets, sizes: Places, rows: CellBatch
+    ) -> Iterator[CellBatch | Rejects]:
         """Yield the rows of sound records of these sizes; where Arrow sees other records than we
         do, halve until the one is found.
         """
         columns = self._parsed(octets, sizes.size)
         if columns is not None:
-            yield Rows(columns, rows.offsets, rows.lengths, rows.besides)
+            yield CellBatch(columns, rows.offsets, rows.lengths, rows.besides)
         elif sizes.size == 1:
-            yield Rows({}, rows.offsets[:0], rows.lengths[:0], rows.besides)
+            yield CellBatch({}, rows.offsets[:0], rows.lengths[:0], rows.besides)
             yield Rejects(rows.offsets, rows.lengths, _MARKS)
         else:
             half = sizes.size // 2
@@ -256,10 +258,10 @@ class Records:
             yield from self._rows(
                 octets[:cut],
                 sizes[:half],
-                Rows({}, rows.offsets[:half], rows.lengths[:half], rows.besides),
+                CellBatch({}, rows.offsets[:half], rows.lengths[:half], rows.besides),
             )
             yield from self._rows(
-                octets[cut:], sizes[half:], Rows({}, rows.offsets[half:], rows.lengths[half:])
+                octets[cut:], sizes[half:], CellBatch({}, rows.offsets[half:], rows.lengths[half:])
             )
 
     def _parsed(self, octets: Octets, rows: int) -> Mapping[str, Any] | None:

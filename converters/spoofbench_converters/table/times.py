@@ -32,7 +32,7 @@ _NO_DATE_NS = -2_208_988_800 * SECOND_NS  # 1900-01-01, the day of a text withou
 _ZONED = r"[0-9](Z|z|[+-][0-9]{2}(:?[0-9]{2})?)$"
 
 
-class Clock:
+class TimeReader:
     """Reads the time of rows as they stream by: a number that starts over is continued.
 
     Args:
