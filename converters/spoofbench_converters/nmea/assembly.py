@@ -133,27 +133,25 @@ class Assembly:
         known = np.flatnonzero(told)
         source = f"gnss{number}"
         if known.size:
-            yield EpochRows(
-                source, "gnss/pvt", at[known], signals.taken(solution.rows(), known), offset[known]
-            )
+            solved = EpochRows.of(source, "gnss/pvt", at, solution.rows(), offset_ns=offset)
+            yield solved if known.size == at.size else solved.take(known)
         if VIEW in own.tables:
             view, doubled = signals.without_doubles(own.tables[VIEW])
             if doubled.size:
                 lost.setdefault(f"NMEA GSV: {_AGAIN}", []).append(doubled)
             if view["epoch"].size:
-                yield EpochRows(
+                yield EpochRows.of(
                     source,
                     "gnss/signal",
                     at[view["epoch"]],
                     signals.signal_rows(view, own.tables),
-                    offset[view["epoch"]],
+                    offset_ns=offset[view["epoch"]],
                 )
         if "PUBX04" in own.tables:
             clock = own.tables["PUBX04"]
             columns = {name: clock[name] for name in ("bias_s", "drift_sps")}
-            yield EpochRows(
-                source, "gnss/clock", at[clock["epoch"]], columns, offset[clock["epoch"]]
-            )
+            at, offset = at[clock["epoch"]], offset[clock["epoch"]]
+            yield EpochRows.of(source, "gnss/clock", at, columns, offset_ns=offset)
 
     def _sensor_rows(
         self,
@@ -174,12 +172,12 @@ class Assembly:
             offset = times.offsets(at, frames["tod_ns"][found.frame], received)
             if found.frame.size:
                 rows.append(
-                    EpochRows(
+                    EpochRows.of(
                         found.source,
                         found.kind,
                         at,
                         found.columns,
-                        offset,
+                        offset_ns=offset,
                         receive_time_ns=received,
                     )
                 )

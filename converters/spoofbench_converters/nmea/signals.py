@@ -215,16 +215,6 @@ def without_doubles(view: Columns) -> tuple[Columns, Ints]:
     return kept, np.setdiff1d(view["frame"][double], kept["frame"])
 
 
-def taken(columns: Mapping[str, NDArray[Any] | Column], kept: Ints) -> dict[str, Any]:
-    """Return these rows of columns."""
-    return {
-        name: Column(column.values[kept], None if column.valid is None else column.valid[kept])
-        if isinstance(column, Column)
-        else column[kept]
-        for name, column in columns.items()
-    }
-
-
 def _key(epoch: Ints, table: Columns) -> Ints:
     return (epoch * 16 + table["constellation"]) * _SVIDS + table["svid"]
 

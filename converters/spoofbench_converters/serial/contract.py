@@ -6,15 +6,18 @@ belong to epochs. The axis merges the epochs of all protocols in file order, com
 claim, and gives their rows their times.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from spoofbench.arrays import Ints, Octets
-from spoofbench.conversion import Columns, Rejects
+from spoofbench.arrays import Bools, Ints, Octets
+from spoofbench.conversion import Rejects
+from spoofbench.schema import KINDS
+from spoofbench.table import Column, as_column, concat_columns
 from spoofbench_converters.serial.framing import Checksum
 
 ABSENT_NS = np.iinfo(np.int64).min
@@ -55,29 +58,96 @@ class Frames:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpochRows:
-    """Rows of one kind of one source, in file order.
+    """Rows of one kind of one source, each of an epoch.
 
     Attributes:
         source: such as ``gnss0``, ``imu0``; counted within the protocol.
-        kind: a kind of the schema.
-        epoch: int64 ``(n,)``, the epoch of each row: its place in :class:`Epochs`.
-        columns: fields of the kind, float64 NaN or ``Column.valid`` where absent, as
-            :class:`spoofbench.recording.Table` takes them; without ``time_ns`` and
-            ``receive_time_ns``.
+        kind: name of a kind of the schema.
+        epoch: int64 ``(n,)``, index in :class:`Epochs` of each row's epoch; not decreasing.
+        columns: by field, without ``time_ns`` and ``receive_time_ns``.
         offset_ns: int64 ``(n,)``, the row's time minus that of its epoch; None: 0 for all.
         tick_ns: int64 ``(n,)``, time on the sensor's own counter, unwrapped, for rows that have one
-            (ESF-MEAS, ESF-RAW); the axis then lays this counter against the epochs, and
-            ``offset_ns`` is None.
+            (ESF-MEAS, ESF-RAW); the counter is then laid against the epochs, and ``offset_ns`` is
+            None.
         receive_time_ns: int64 ``(n,)``, ``ABSENT_NS`` where not known; None: that of the epoch.
     """
 
     source: str
     kind: str
     epoch: Ints
-    columns: Columns
+    columns: Mapping[str, Column]
     offset_ns: Ints | None = None
     tick_ns: Ints | None = None
     receive_time_ns: Ints | None = None
+
+    @classmethod
+    def of(
+        cls,
+        source: str,
+        kind: str,
+        epoch: Ints,
+        columns: Mapping[str, ArrayLike | Column | Sequence[Any]],
+        **times: Ints | None,
+    ) -> Self:
+        """Return rows whose columns are given as to :class:`~spoofbench.table.Table`."""
+        fields = KINDS[kind].fields
+        made = {name: as_column(fields[name], given) for name, given in columns.items()}
+        return cls(source, kind, epoch, made, **times)
+
+    def take(self, rows: Bools | Ints) -> "EpochRows":
+        """Return the rows that a mask or index array selects."""
+        columns = {
+            name: Column(c.values[rows], None if c.valid is None else c.valid[rows], c.words)
+            for name, c in self.columns.items()
+        }
+        times = [
+            None if time is None else time[rows]
+            for time in (self.offset_ns, self.tick_ns, self.receive_time_ns)
+        ]
+        return EpochRows(self.source, self.kind, self.epoch[rows], columns, *times)
+
+    @staticmethod
+    def by_topic(parts: Iterable["EpochRows"]) -> list["EpochRows"]:
+        """Return the rows of each source and kind that has any as one, in the order of epochs.
+
+        Rows of one epoch stay in the order given.
+        """
+        topics: dict[tuple[str, str], list[EpochRows]] = {}
+        for part in parts:
+            if part.epoch.size:
+                topics.setdefault((part.source, part.kind), []).append(part)
+        return [_in_epoch_order(_concat(same)) for same in topics.values()]
+
+
+def _concat(parts: Sequence[EpochRows]) -> EpochRows:
+    """Return rows of one source and kind, one part after the other."""
+    if len(parts) == 1:
+        return parts[0]
+    source, kind, sizes = parts[0].source, parts[0].kind, [part.epoch.size for part in parts]
+    columns = {
+        name: concat_columns(field, [part.columns.get(name) for part in parts], sizes)
+        for name, field in KINDS[kind].fields.items()
+        if any(name in part.columns for part in parts)
+    }
+    times: list[Ints | None] = []
+    for name, absent in (("offset_ns", 0), ("tick_ns", 0), ("receive_time_ns", ABSENT_NS)):
+        given = [getattr(part, name) for part in parts]
+        times.append(
+            None
+            if all(time is None for time in given)
+            else np.concatenate(
+                [
+                    np.full(size, absent) if time is None else time
+                    for time, size in zip(given, sizes, strict=True)
+                ]
+            )
+        )
+    return EpochRows(source, kind, np.concatenate([part.epoch for part in parts]), columns, *times)
+
+
+def _in_epoch_order(rows: EpochRows) -> EpochRows:
+    in_order = bool(np.all(rows.epoch[1:] >= rows.epoch[:-1]))
+    return rows if in_order else rows.take(np.argsort(rows.epoch, kind="stable"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

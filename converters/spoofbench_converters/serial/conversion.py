@@ -9,9 +9,8 @@ from typing import IO
 import numpy as np
 
 from spoofbench.arrays import Ints
-from spoofbench.conversion import Block, Item, Rejects, SourceMetadata
+from spoofbench.conversion import Item, Rejects, SourceMetadata, Used
 from spoofbench.errors import ConversionError
-from spoofbench.table import Table
 from spoofbench_converters.serial.contract import EpochRows, Epochs, FrameDecoder, SerialOptions
 from spoofbench_converters.serial.demux import PIECE_BYTES, Piece, demultiplex
 from spoofbench_converters.serial.gaps import RejectedBytes
@@ -120,8 +119,7 @@ class SerialConversion:
                 topic = self._topic(number, rows)
                 if topic:
                     yield from topic.push(rows, timed)
-            # one account for all topics, which share the bytes of an epoch
-            yield Block("/gnss0/gnss/pvt", Table("gnss/pvt", np.zeros(0, np.int64), {}), used)
+            yield Used(used)  # one account for all topics, which share the bytes of an epoch
         undecided = [course.waiting[0].offset[0] for course in self._courses if course.waiting]
         self._ground.forget(int(min(undecided, default=limit)))
 

@@ -124,7 +124,7 @@ class EpochBatch:
     ) -> EpochRows:
         """Return rows of which each came from one frame."""
         received = self.held.receive_time_ns[frames]
-        return EpochRows(
+        return EpochRows.of(
             source,
             kind,
             self.epoch[frames],

@@ -14,7 +14,6 @@ from spoofbench_converters.ubx.batch import EpochBatch
 from spoofbench_converters.ubx.frames import FrameBuffer, accept
 from spoofbench_converters.ubx.grouping import Grouper
 from spoofbench_converters.ubx.inertial import TICK_BASIS, UbxSensors
-from spoofbench_converters.ubx.merging import merged
 from spoofbench_converters.ubx.receiver import Device
 from spoofbench_converters.ubx.solution import Solutions
 from spoofbench_converters.ubx.times import TimeReader
@@ -96,7 +95,7 @@ class UbxDecoder:
         rows += inertial.high_rate(batch, claims, "ins1")
         rows += self._sensors.rows(batch)
         self._device.read(batch)
-        rows = merged(rows)
+        rows = EpochRows.by_topic(rows)
         self._sources.update(one.source for one in rows)
         used, rejects = batch.settle()
         opened, received = _begins(batch)

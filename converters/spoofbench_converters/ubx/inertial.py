@@ -290,7 +290,7 @@ def navigation(batch: EpochBatch, source: str) -> list[EpochRows]:
     if not told.any():
         return []
     return [
-        EpochRows(
+        EpochRows.of(
             source, "ins/pva", np.flatnonzero(told), {name: fields[name][told] for name in fields}
         )
     ]

@@ -114,7 +114,7 @@ class Solutions:
         }
         valid = claims.time_valid[told]
         columns["time_valid"] = Column(valid == 1, ~np.isnan(valid))
-        return [EpochRows(source, "gnss/pvt", epochs[told], columns)]
+        return [EpochRows.of(source, "gnss/pvt", epochs[told], columns)]
 
     def _fix(
         self, fields: EpochColumns, batch: EpochBatch, system: str, picked: dict[str, MessageFrames]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from spoofbench.table import Column
 from spoofbench_converters.nmea.decoder import DecoderOptions, NmeaDecoder
 from spoofbench_converters.serial.contract import ABSENT_NS, Epochs, Frames
 
@@ -108,17 +109,15 @@ def decode(
     )
 
 
-def values(column: Any) -> list[Any]:
+def values(column: Column) -> list[Any]:
     """A column as a list, None where absent."""
-    if hasattr(column, "values"):
-        if column.words is not None:
-            return [None if code < 0 else column.words[code] for code in column.values.tolist()]
-        valid = np.ones(column.values.size, bool) if column.valid is None else column.valid
-        return [
-            value if there else None
-            for value, there in zip(column.values.tolist(), valid.tolist(), strict=True)
-        ]
-    return [None if value != value else value for value in np.asarray(column, float).tolist()]
+    if column.words is not None:
+        return [None if code < 0 else column.words[code] for code in column.values.tolist()]
+    valid = np.ones(column.values.size, bool) if column.valid is None else column.valid
+    return [
+        value if there and value == value else None
+        for value, there in zip(column.values.tolist(), valid.tolist(), strict=True)
+    ]
 
 
 def rows(epochs: Sequence[Epochs], source: str, kind: str) -> list[dict[str, Any]]:

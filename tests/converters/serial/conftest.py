@@ -11,12 +11,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 import pytest
 
-from spoofbench.conversion import Block, Item, Rejects, SourceMetadata
+from spoofbench.conversion import Block, Item, Rejects, SourceMetadata, Used
 from spoofbench.recording import Recording
-from spoofbench.table import Column, Table
+from spoofbench.table import Table
 
 START = datetime(2023, 5, 6, 23, 59, 50, tzinfo=UTC)
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
@@ -170,8 +169,9 @@ def gather(items: Iterable[Item]) -> Result:
     for item in items:
         if isinstance(item, Block):
             used += item.used
-            if len(item.table):
-                blocks.setdefault(item.topic, []).append(item.table)
+            blocks.setdefault(item.topic, []).append(item.table)
+        elif isinstance(item, Used):
+            used += item.units
         elif isinstance(item, Rejects):
             rejects += [
                 (o, n, item.reason)
@@ -181,23 +181,7 @@ def gather(items: Iterable[Item]) -> Result:
             for name, record in item.metadata.items():
                 facts.setdefault(name, {}).update(record)
     return Result(
-        Recording({topic: _joined(tables) for topic, tables in blocks.items()}, facts),
+        Recording({topic: Table.concat(tables) for topic, tables in blocks.items()}, facts),
         sorted(rejects),
         used,
     )
-
-
-def _joined(tables: list[Table]) -> Table:
-    """Return all rows as one table."""
-    columns: dict[str, Any] = {}
-    for name, known in tables[0].kind.fields.items():
-        if any(name in table for table in tables):
-            values = np.concatenate([table[name] for table in tables])
-            valid = np.concatenate([table.valid(name) for table in tables])
-            words = (
-                [word for table in tables for word in table.words(name)]
-                if known.category in ("text", "bytes")
-                else None
-            )
-            columns[name] = Column(values, valid) if words is None else words
-    return Table(tables[0].kind.name, np.concatenate([table.time_ns for table in tables]), columns)

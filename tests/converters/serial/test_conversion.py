@@ -20,7 +20,7 @@ from spoofbench_converters.serial.conversion import SerialConversion
 from spoofbench_converters.serial.demux import RTCM
 from spoofbench_converters.ubx.decoder import UbxDecoder
 
-from spoofbench.conversion import Block, Rejects, Source
+from spoofbench.conversion import Rejects, Source, Used
 from spoofbench.errors import ConversionError, SpoofbenchError
 from spoofbench.testing import run_converter_checks
 
@@ -308,8 +308,8 @@ def test_a_frame_without_end_costs_bounded_memory(make: Any, tmp_path: Path) -> 
     accounted = 0
     for item in ubx.convert(Source.of(path), ubx.Options()):
         accounted += (
-            item.used
-            if isinstance(item, Block)
+            item.units
+            if isinstance(item, Used)
             else int(item.lengths.sum())
             if isinstance(item, Rejects)
             else 0

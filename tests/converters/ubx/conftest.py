@@ -176,8 +176,16 @@ def _gather(given: list[Any], decoder: UbxDecoder) -> Decoded:
     tables = {topic: _table(parts) for topic, parts in rows.parts.items()}
     used = sum(int(one.used.sum()) for one in epochs)
     about = {source: dict(told) for source, told in decoder.about().items()}
-    return Decoded(**whole, used=used, tables=tables, epoch=epoch.joined(), offset_ns=offsets.joined(), tick_ns=ticks.joined(),
-                   rejected=rejected, about=about)  # fmt: skip
+    return Decoded(
+        **whole,
+        used=used,
+        tables=tables,
+        epoch=epoch.joined(),
+        offset_ns=offsets.joined(),
+        tick_ns=ticks.joined(),
+        rejected=rejected,
+        about=about,
+    )
 
 
 def _joined(parts: list[NDArray[np.int64]]) -> NDArray[np.int64]:
@@ -186,15 +194,9 @@ def _joined(parts: list[NDArray[np.int64]]) -> NDArray[np.int64]:
 
 def _table(parts: list[EpochRows]) -> Table:
     """Join the rows of one topic, without times."""
-    tables = [Table(part.kind, np.zeros(part.epoch.size, np.int64), part.columns) for part in parts]
-    columns: dict[str, Any] = {}
-    for name in {name for table in tables for name in table}:
-        if tables[0].column(name).words is not None:
-            columns[name] = [word for table in tables for word in table.words(name)]
-        else:
-            values = np.concatenate([table[name] for table in tables])
-            columns[name] = Column(values, np.concatenate([table.valid(name) for table in tables]))
-    return Table(parts[0].kind, np.zeros(sum(map(len, tables)), np.int64), columns)
+    return Table.concat(
+        [Table(part.kind, np.zeros(part.epoch.size, np.int64), part.columns) for part in parts]
+    )
 
 
 @pytest.fixture(scope="session")
