@@ -96,13 +96,15 @@ def wrap_difference(difference_ns: ArrayLike, period_ns: ArrayLike) -> Ints:
     return np.asarray((np.asarray(difference_ns, np.int64) + half) % period - half)
 
 
-def midnight(year: ArrayLike, month: ArrayLike, day: ArrayLike) -> tuple[Times, Bools]:
+def midnight(
+    year: ArrayLike, month: ArrayLike, day: ArrayLike, years: range = YEARS
+) -> tuple[Times, Bools]:
     """Return the Unix time at which days of the Gregorian calendar begin, and which days exist.
 
-    A day outside :data:`YEARS` counts as none; its time is 0.
+    A day outside ``years`` counts as none; its time is 0.
     """
     year, month, day = (np.asarray(field, np.int64) for field in (year, month, day))
-    exists = (year >= YEARS.start) & (year < YEARS.stop) & (month >= 1) & (month <= 12) & (day >= 1)
+    exists = (year >= years.start) & (year < years.stop) & (month >= 1) & (month <= 12) & (day >= 1)
     months = np.where(exists, (year - 1970) * 12 + month - 1, 0).astype("datetime64[M]")
     first, after = (when.astype("datetime64[D]").astype(np.int64) for when in (months, months + 1))
     exists = np.asarray(exists & (day <= after - first))

@@ -32,7 +32,7 @@ def sniff(source: Source) -> float:
     with no UBX frame; else 0.
     """
     found = beginning(source)
-    return found.score() if found.nmea and not found.ubx else 0.0
+    return found.confidence() if found.nmea and not found.ubx else 0.0
 
 
 def convert(source: Source, options: Options) -> Iterator[Item]:

@@ -71,6 +71,8 @@ class NmeaDecoder:
 
     def push(self, frames: Frames) -> Iterator[Epochs | Rejects]:
         """Take the next piece's sentences."""
+        if not frames.starts.size:
+            return
         batch, rejects = read_frames(frames, self._addresses, self._options.source)
         yield from rejects
         self._held = batch if self._held is None else self._held.then(batch)

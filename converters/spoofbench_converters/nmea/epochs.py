@@ -18,7 +18,7 @@ from typing import Self
 
 import numpy as np
 
-from spoofbench.arrays import Bools, Ints
+from spoofbench.arrays import Bools, Ints, ragged_ranges
 from spoofbench.conversion import Columns
 from spoofbench.conversion.rows import take
 from spoofbench.gnss_time import DAY_NS, SECOND_NS, wrap_difference
@@ -272,11 +272,7 @@ def _after_gap(receive_time_ns: Ints, first: Ints, opening: Ints, border: Bools)
     if not rows.size or not np.any(receive_time_ns != ABSENT_NS):
         return found
     group = np.repeat(np.arange(rows.size), length[rows])
-    place = (
-        np.arange(group.size)
-        - np.repeat(np.cumsum(length[rows]) - length[rows], length[rows])
-        + first[rows][group]
-    )
+    place = ragged_ranges(first[rows], length[rows])
     known = (receive_time_ns[place] != ABSENT_NS) & (
         border[place] | (receive_time_ns[place - 1] != ABSENT_NS)
     )

@@ -4,12 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spoofbench.arrays import Ints
-from spoofbench.gnss_time import DAY_NS, WEEK_NS
+from spoofbench.arrays import Ints, forward_fill
+from spoofbench.gnss_time import DAY_NS, ROLLOVER_NS, wrap_difference
 from spoofbench_converters.serial.contract import ABSENT_NS
 
-_ALL_NS = 2**62
-ROLLOVER_NS = 1024 * WEEK_NS
+_NO_PERIOD_NS = 2**62
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,9 +20,6 @@ class ClaimedTimes:
     protocol: Ints
     claimed_ns: Ints
     period_ns: Ints
-
-    def take(self, rows: slice) -> "ClaimedTimes":
-        return ClaimedTimes(self.protocol[rows], self.claimed_ns[rows], self.period_ns[rows])
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,16 +63,17 @@ class DateCompleter:
             claims.claimed_ns + self.rollovers * ROLLOVER_NS,
             ABSENT_NS,
         )
-        carried = _carried(whole, ABSENT_NS if self._complete is None else self._complete)
+        before = ABSENT_NS if self._complete is None else self._complete
+        carried = forward_fill(whole, whole != ABSENT_NS, before)
         times = whole.copy()
         for protocol in np.unique(claims.protocol).tolist():
-            mine = np.flatnonzero((claims.protocol == protocol) & (claims.claimed_ns != ABSENT_NS))
-            if mine.size:
-                times[mine] = self._of_protocol(
+            rows = np.flatnonzero((claims.protocol == protocol) & (claims.claimed_ns != ABSENT_NS))
+            if rows.size:
+                times[rows] = self._of_protocol(
                     protocol,
-                    claims.claimed_ns[mine],
-                    claims.period_ns[mine],
-                    (whole[mine], carried[mine]),
+                    claims.claimed_ns[rows],
+                    claims.period_ns[rows],
+                    (whole[rows], carried[rows]),
                 )
         if carried.size and carried[-1] != ABSENT_NS:
             self._complete = int(carried[-1])
@@ -98,22 +95,20 @@ class DateCompleter:
         last = self._last.get(protocol)
         known = np.where(period == 0, whole, claimed)
         before = np.append(known[0] if last is None else last.known_ns, known[:-1])
-        steps = _nearest(
-            known - before,
-            _common_period(period, np.append(0 if last is None else last.period_ns, period[:-1])),
-        )
-        course = np.cumsum(steps)
-        anchors = np.where(period == 0, whole - course, ABSENT_NS)
+        period_before = np.append(0 if last is None else last.period_ns, period[:-1])
+        steps = wrap_difference(known - before, _common_period(period, period_before))
+        elapsed = np.cumsum(steps)
+        anchors = np.where(period == 0, whole - elapsed, ABSENT_NS)
         if last is not None and period[0] != 0:
             anchors[0] = last.time_ns
         elif last is None:
-            self._anchor(claimed, period, carried, (anchors, course))
-        anchors = _carried(anchors, ABSENT_NS)
+            self._anchor(claimed, period, carried, (anchors, elapsed))
+        anchors = forward_fill(anchors, anchors != ABSENT_NS, ABSENT_NS)
         if self.backward and (anchors != ABSENT_NS).any():
             anchors = np.where(
                 anchors == ABSENT_NS, anchors[np.argmax(anchors != ABSENT_NS)], anchors
             )
-        times = np.where(anchors == ABSENT_NS, ABSENT_NS, anchors + course)
+        times = np.where(anchors == ABSENT_NS, ABSENT_NS, anchors + elapsed)
         self.dateless += int(np.count_nonzero(times == ABSENT_NS))
         if times[-1] != ABSENT_NS:
             self._last[protocol] = _LastTime(int(times[-1]), int(known[-1]), int(period[-1]))
@@ -123,28 +118,17 @@ class DateCompleter:
         """Date the first time that another protocol, or the reference date, dates, if none of its
         own is before.
         """
-        anchors, course = found
+        anchors, elapsed = found
         can = (period == 0) | (carried != ABSENT_NS) | (self.date_ns is not None)
         first = int(np.argmax(can))
         if not can[first] or period[first] == 0:
             return
         if carried[first] != ABSENT_NS:
-            near = (
-                carried[first]
-                + _nearest(claimed[first : first + 1] - carried[first], period[first : first + 1])[
-                    0
-                ]
-            )
+            near = carried[first] + wrap_difference(claimed[first] - carried[first], period[first])
         else:
             near = _on_date(int(claimed[first]), int(period[first]), self.date_ns or 0)
             self.used_date = True
-        anchors[first] = near - course[first]
-
-
-def _carried(values: Ints, start: int) -> Ints:
-    """Return each value, or the last one before it that is there."""
-    places = np.maximum.accumulate(np.where(values != ABSENT_NS, np.arange(values.size), -1))
-    return np.where(places < 0, start, values[np.maximum(places, 0)])
+        anchors[first] = near - elapsed[first]
 
 
 def _common_period(period: Ints, before: Ints) -> Ints:
@@ -152,14 +136,9 @@ def _common_period(period: Ints, before: Ints) -> Ints:
     times where both are complete.
     """
     shorter = np.minimum(
-        np.where(period == 0, _ALL_NS, period), np.where(before == 0, _ALL_NS, before)
+        np.where(period == 0, _NO_PERIOD_NS, period), np.where(before == 0, _NO_PERIOD_NS, before)
     )
     return np.asarray(shorter, np.int64)
-
-
-def _nearest(steps: Ints, period: Ints) -> Ints:
-    """Return steps reduced by whole periods to ``[-period / 2, period / 2)``."""
-    return np.asarray((steps + period // 2) % period - period // 2, np.int64)
 
 
 def _on_date(claimed_ns: int, period_ns: int, date_ns: int) -> int:

@@ -45,17 +45,23 @@ class Piece:
 
 
 @dataclass(frozen=True, slots=True)
-class _Edge:
+class _PieceStart:
     """Whether a piece starts with a line, and whether right after a frame."""
 
-    line: bool
-    frame: bool
+    of_line: bool
+    after_frame: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Owned:
-    """Frames in the order of the log, and the extents ``[first, last)`` with what stands beside
-    them.
+class _Scan:
+    """What a scan takes, in the order of the log.
+
+    Attributes:
+        protocols: int8 ``(k,)``.
+        starts, ends: int64 ``(k,)``, ``[start, end)`` of each frame.
+        first, last: int64 ``(k,)``, ``[first, last)`` of each frame with what stands beside it.
+        receive_time_ns: int64 ``(k,)``, ``ABSENT_NS`` where the log does not say.
+        damage: where damaged frames start.
     """
 
     protocols: NDArray[np.int8]
@@ -64,54 +70,52 @@ class _Owned:
     first: Ints
     last: Ints
     receive_time_ns: Ints
+    damage: gaps.DamageMarks
 
-    def of(self, protocol: int, octets: Octets, base: int) -> Frames:
-        mine = self.protocols == protocol
-        starts, used = self.starts[mine], (self.last - self.first)[mine]
-        leads = starts - self.first[mine]
+    def frames(self, protocol: int, octets: Octets, base: int) -> Frames:
+        """Return the frames of one protocol."""
+        chosen = self.protocols == protocol
+        starts, first = self.starts[chosen], self.first[chosen]
         return Frames(
             octets,
             starts,
-            self.ends[mine] - starts,
+            self.ends[chosen] - starts,
             base,
-            used,
-            self.receive_time_ns[mine],
-            leads=leads,
+            self.last[chosen] - first,
+            self.receive_time_ns[chosen],
+            leads=starts - first,
         )
 
 
 def demultiplex(
     stream: IO[bytes],
-    stamps: HostTimestamps,
+    timestamps: HostTimestamps,
     checksum: Checksum = "required",
     piece_bytes: int = PIECE_BYTES,
 ) -> Iterator[Piece]:
     """Yield a log's frames and rejects; what they are does not depend on the size of the pieces
     that are read.
     """
-    base, edge, known, more = 0, _Edge(line=True, frame=True), b"", True
+    base, start, held, more = 0, _PieceStart(of_line=True, after_frame=True), b"", True
     while more:
         new = _read(stream, piece_bytes)
-        more, known = len(new) == piece_bytes, known + new
-        if known and (not more or len(known) > _REACH):
-            octets = np.frombuffer(known, np.uint8)
-            found = _find(octets, octets.size - _REACH if more else octets.size, checksum)
-            owned = _owned(octets, found, edge, stamps)
-            told = (
-                int(max(octets.size - _REACH - MAX_STAMP, owned.last.max(initial=0)))
-                if more
-                else octets.size
-            )
-            rejects, kept = _rejects(octets, base, (owned, found.marks), (told, more), edge)
+        more, held = len(new) == piece_bytes, held + new
+        if held and (not more or len(held) > _REACH):
+            octets = np.frombuffer(held, np.uint8)
+            limit = octets.size - _REACH if more else octets.size
+            scan = _scan(octets, limit, checksum, start, timestamps)
+            rejects, end = _rejects(octets, base, scan, start, more)
             yield Piece(
-                owned.of(_UBX, octets, base),
-                owned.of(_SENTENCE, octets, base),
+                scan.frames(_UBX, octets, base),
+                scan.frames(_SENTENCE, octets, base),
                 rejects,
-                base + kept,
+                base + end,
             )
-            if kept:
-                edge = _Edge(bool(octets[kept - 1] in (_LF, _CR)), bool(np.any(owned.last == kept)))
-            base, known = base + kept, known[kept:]
+            if end:
+                start = _PieceStart(
+                    bool(octets[end - 1] in (_LF, _CR)), bool(np.any(scan.last == end))
+                )
+            base, held = base + end, held[end:]
 
 
 def _read(stream: IO[bytes], size: int) -> bytes:
@@ -123,32 +127,30 @@ def _read(stream: IO[bytes], size: int) -> bytes:
     return b"".join(pieces)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Scan:
-    """The frames that a scan takes, in order, and where damaged ones start."""
-
-    protocols: NDArray[np.int8]
-    starts: Ints
-    ends: Ints
-    marks: gaps.DamageMarks
-
-
-def _find(octets: Octets, limit: int, checksum: Checksum) -> _Scan:
-    """Find what starts before a limit.
+def _scan(
+    octets: Octets, limit: int, checksum: Checksum, start: _PieceStart, timestamps: HostTimestamps
+) -> _Scan:
+    """Find what starts before a limit, with what stands beside sentences.
 
     Starts of RTCM 3 messages are frequent within UBX frames. They are looked at there only if one
     of these frames is not taken.
     """
-    ubx, sentences = (
-        framing.ubx(octets).before(limit),
-        framing.sentences(octets, checksum).before(limit),
-    )
+    ubx = framing.ubx(octets).before(limit)
+    sentences = framing.sentences(octets, checksum).before(limit)
     whole = ubx.valid()
     whole = whole.take(framing.chosen(whole.starts, whole.ends))
-    found = _taken(ubx, sentences, framing.rtcm3(octets, whole).before(limit))
-    if not np.array_equal(found[1][found[0] == _UBX], whole.starts):
-        found = _taken(ubx, sentences, framing.rtcm3(octets, None).before(limit))
-    return _Scan(*found, _marks(octets, ubx, sentences))
+    taken = _taken(ubx, sentences, framing.rtcm3(octets, whole).before(limit))
+    if not np.array_equal(taken[1][taken[0] == _UBX], whole.starts):
+        taken = _taken(ubx, sentences, framing.rtcm3(octets, None).before(limit))
+    protocols, starts, ends = taken
+    first, last, times = starts.copy(), ends.copy(), np.full(starts.size, ABSENT_NS)
+    rows = np.flatnonzero(protocols == _SENTENCE)
+    if rows.size:
+        last[rows], times[rows] = _behind(octets, ends[rows], timestamps)
+        before = np.append(0, last[:-1])[rows]
+        first[rows], leading = _ahead(octets, starts[rows], before, start, timestamps)
+        times[rows] = np.where(times[rows] == ABSENT_NS, leading, times[rows])
+    return _Scan(protocols, starts, ends, first, last, times, _damage(octets, ubx, sentences))
 
 
 def _taken(
@@ -168,20 +170,7 @@ def _taken(
     return protocols[taken], starts[taken], ends[taken]
 
 
-def _owned(octets: Octets, found: _Scan, edge: _Edge, stamps: HostTimestamps) -> _Owned:
-    """Give the frames that a scan takes what stands beside them."""
-    protocols, starts, ends = found.protocols, found.starts, found.ends
-    first, last, times = starts.copy(), ends.copy(), np.full(starts.size, ABSENT_NS)
-    mine = np.flatnonzero(protocols == _SENTENCE)
-    if mine.size:
-        last[mine], times[mine] = _behind(octets, ends[mine], stamps)
-        before = np.append(0, last[:-1])[mine]
-        first[mine], leading = _ahead(octets, starts[mine], before, edge, stamps)
-        times[mine] = np.where(times[mine] == ABSENT_NS, leading, times[mine])
-    return _Owned(protocols, starts, ends, first, last, times)
-
-
-def _behind(octets: Octets, ends: Ints, stamps: HostTimestamps) -> tuple[Ints, Ints]:
+def _behind(octets: Octets, ends: Ints, timestamps: HostTimestamps) -> tuple[Ints, Ints]:
     """Return where the lines of sentences end, with a time that stands there or on the next line,
     and these times.
     """
@@ -190,7 +179,7 @@ def _behind(octets: Octets, ends: Ints, stamps: HostTimestamps) -> tuple[Ints, I
     odd = np.flatnonzero((last < octets.size) & ((last == ends) | (octets[following] == _COMMA)))
     if odd.size:
         line_stops = _stops(octets, last[odd])
-        understood, told = stamps.after(octets, last[odd], line_stops)
+        understood, told = timestamps.after(octets, last[odd], line_stops)
         understood &= (last[odd] == ends[odd]) | (told != ABSENT_NS)
         last[odd[understood]] = framing.line_ends(octets, line_stops[understood])
         times[odd[understood]] = told[understood]
@@ -198,7 +187,7 @@ def _behind(octets: Octets, ends: Ints, stamps: HostTimestamps) -> tuple[Ints, I
 
 
 def _ahead(
-    octets: Octets, starts: Ints, before: Ints, edge: _Edge, stamps: HostTimestamps
+    octets: Octets, starts: Ints, before: Ints, start: _PieceStart, timestamps: HostTimestamps
 ) -> tuple[Ints, Ints]:
     """Return where sentences start with what a logger wrote before them, and the times that this
     tells.
@@ -209,8 +198,8 @@ def _ahead(
     if odd.size:
         breaks = np.append(-1, np.flatnonzero((octets == _LF) | (octets == _CR)))
         begins = np.maximum(before[odd], breaks[np.searchsorted(breaks, starts[odd]) - 1] + 1)
-        understood, told = stamps.before(octets, begins, starts[odd])
-        understood &= (begins > 0) | edge.line | edge.frame
+        understood, told = timestamps.before(octets, begins, starts[odd])
+        understood &= (begins > 0) | start.of_line | start.after_frame
         first[odd[understood]], times[odd[understood]] = begins[understood], told[understood]
     return first, times
 
@@ -222,43 +211,41 @@ def _stops(octets: Octets, places: Ints) -> Ints:
 
 
 def _rejects(
-    octets: Octets,
-    base: int,
-    what: tuple[_Owned, gaps.DamageMarks],
-    until: tuple[int, bool],
-    edge: _Edge,
+    octets: Octets, base: int, scan: _Scan, start: _PieceStart, more: bool
 ) -> tuple[list[Rejects], int]:
-    """Return the rejects up to a place, and how far they go: one that may go on behind it is left
-    to the next piece.
+    """Return the rejects, and up to where they go: one that may go on behind that is left to the
+    next piece.
     """
-    (owned, marks), (end, more) = what, until
-    starts, ends = np.append(0, owned.last), np.append(owned.first, end)
-    skipped = starts[starts < ends], ends[starts < ends]
-    rtcm = (
-        owned.starts[owned.protocols == _RTCM3],
-        (owned.ends - owned.starts)[owned.protocols == _RTCM3],
+    end = octets.size
+    if more:
+        end = int(max(end - _REACH - MAX_STAMP, scan.last.max(initial=0)))
+    rtcm3 = scan.protocols == _RTCM3
+    found = [Rejects(scan.starts[rtcm3] + base, (scan.ends - scan.starts)[rtcm3], RTCM)]
+    if not rtcm3.any():
+        found = []
+    starts, ends = np.append(0, scan.last), np.append(scan.first, end)
+    skipped = starts < ends
+    if not skipped.any():
+        return found, end
+    starts, ends, reasons = gaps.divide(
+        octets, (starts[skipped], ends[skipped]), scan.damage, start.of_line
     )
-    rejects = [Rejects(rtcm[0] + base, rtcm[1], RTCM)] if rtcm[0].size else []
-    if not skipped[0].size:
-        return rejects, end
-    starts, ends, reasons = gaps.divide(octets, skipped, marks, edge.line)
     if more and ends[-1] == end:
         end, starts, ends, reasons = int(starts[-1]), starts[:-1], ends[:-1], reasons[:-1]
-    return rejects + gaps.rejects(base, starts, ends, reasons), end
+    return found + gaps.rejects(base, starts, ends, reasons), end
 
 
-def _marks(octets: Octets, ubx: Candidates, sentences: Candidates) -> gaps.DamageMarks:
+def _damage(octets: Octets, ubx: Candidates, sentences: Candidates) -> gaps.DamageMarks:
     """Return where damage starts; a sentence's only where an address begins, for in binary data
     ``$A`` is frequent.
     """
     damaged = np.flatnonzero(ubx.verdicts != framing.VALID)
     broken = np.flatnonzero(sentences.verdicts != framing.VALID)
-    for place in (2, 3, 4):
-        octet = octets.take(sentences.starts[broken] + place, mode="clip")
+    for index in (2, 3, 4):
+        octet = octets.take(sentences.starts[broken] + index, mode="clip")
         broken = broken[(octet - np.uint8(ord("A")) < 26) | (octet - np.uint8(ord("0")) < 10)]
-    places = np.concatenate([ubx.starts[damaged], sentences.starts[broken]])
     return gaps.DamageMarks(
-        places,
+        np.concatenate([ubx.starts[damaged], sentences.starts[broken]]),
         np.concatenate(
             [_UBX_REASONS[ubx.verdicts[damaged]], _SENTENCE_REASONS[sentences.verdicts[broken]]]
         ),
@@ -272,8 +259,6 @@ _SENTENCE_REASONS = np.array([-1, gaps.WRONG, gaps.MISSING, gaps.BROKEN, gaps.BR
 LOOKED_AT = 2**20
 """Bytes that are looked at where those of ``Source.head`` hold no frame: behind a long header."""
 
-_LEAST, _MOST = 0.5, 0.95
-
 
 @dataclass(frozen=True, slots=True)
 class Beginning:
@@ -283,11 +268,11 @@ class Beginning:
     nmea: int
     share: float
 
-    def score(self) -> float:
-        """Return how sure it is that a source with such frames is a stream of them; one mostly of
-        other text is for others to claim.
+    def confidence(self) -> float:
+        """Return how sure it is that a source with such frames is a stream of them: 0.5 to 0.95,
+        for one mostly of other text is for others to claim.
         """
-        return _LEAST + (_MOST - _LEAST) * self.share
+        return 0.5 + 0.45 * self.share
 
 
 def beginning(source: Source) -> Beginning:

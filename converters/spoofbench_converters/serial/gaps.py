@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.arrays import Bools, Ints, Octets
+from spoofbench.arrays import Bools, Ints, Octets, ragged_arange, ragged_ranges
 from spoofbench.conversion import Rejects
 from spoofbench_converters.serial.framing import line_ends
 
@@ -117,7 +117,7 @@ def _shortened(
     if (pieces <= 1).all():
         return starts, stops, reasons
     of = np.repeat(np.arange(starts.size), pieces)
-    number = np.arange(of.size) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    number = ragged_arange(pieces)
     begins = starts[of] + number * LONGEST
     return (
         begins,
@@ -134,7 +134,7 @@ def _content(octets: Octets, starts: Ints, stops: Ints) -> NDArray[np.int8]:
         return np.zeros(0, np.int8)
     lengths = stops - starts
     begins = np.cumsum(lengths) - lengths
-    here = octets[np.arange(int(lengths.sum())) + np.repeat(starts - begins, lengths)]
+    here = octets[ragged_ranges(starts, lengths)]
     blank = (here == _LF) | (here == _CR) | (here == 0x20) | (here == 0x09)
     kinds = np.where(
         blank,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.arrays import Bools, Ints, Octets
+from spoofbench.gnss_time import SECOND_NS, midnight
 from spoofbench_converters.serial.contract import ABSENT_NS
 
 MAX_STAMP = 120
@@ -34,6 +35,7 @@ _BEFORE = (
     re.compile(rf"\\{_FIELD}(?:,{_FIELD})*{_SUM}"),
 )
 _AFTER = (re.compile(r"[ \t,;]*"), re.compile(rf"[ ,;\t]+{_TIME}[ ,;\t]*"))
+_YEARS = range(1970, 2262)  # that Unix nanoseconds can hold
 _NS_PER_UNIT = {10: 10**9, 13: 10**6, 16: 10**3, 19: 1}
 
 
@@ -135,29 +137,18 @@ def _iso_ns(texts: Octets, match: re.Match[str]) -> Ints:
         _number(texts, day + first, day + last) for first, last in ((0, 4), (5, 7), (8, 10))
     )
     hour, minute, second = (_number(texts, clock + first, clock + first + 2) for first in (0, 3, 6))
-    exists = (
-        (year >= 1970)
-        & (year < 2262)
-        & (month >= 1)
-        & (month <= 12)
-        & (date >= 1)
-        & (hour < 24)
-        & (minute < 60)
-        & (second <= 60)
-    )
-    months = np.where(exists, (year - 1970) * 12 + month - 1, 0)
-    days = months.astype("M8[M]").astype("M8[D]").astype(np.int64) + date - 1
-    exists &= days < (months + 1).astype("M8[M]").astype("M8[D]").astype(np.int64)
-    seconds = days * 86_400 + hour * 3600 + minute * 60 + second
+    of_day = (hour * 60 + minute) * 60 + second
+    date_ns, exists = midnight(year, month, date, _YEARS)
+    exists &= (hour < 24) & (minute < 60) & (second <= 60)
     if match["zone"] and match["zone"][0] in "+-":
         at, end = match.span("zone")
         ahead = _number(texts, at + 1, at + 3) * 3600 + _number(texts, end - 2, end) * 60
-        seconds -= np.where(texts[:, at] == ord("-"), -ahead, ahead)
-    ns = seconds * 10**9
+        of_day -= np.where(texts[:, at] == ord("-"), -ahead, ahead)
+    ns = date_ns + of_day * SECOND_NS
     if match["fraction"]:
         start, end = match.span("fraction")
         ns += _number(texts, start, end) * 10 ** (9 - (end - start))
-    return np.where(exists & (seconds < 9_223_372_036), ns, ABSENT_NS)
+    return np.where(exists, ns, ABSENT_NS)
 
 
 def _tag_agrees(texts: Octets, at: int) -> Bools:

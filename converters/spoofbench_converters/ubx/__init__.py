@@ -23,7 +23,7 @@ def sniff(source: Source) -> float:
     UBX frame; else 0.
     """
     found = beginning(source)
-    return found.score() if found.ubx else 0.0
+    return found.confidence() if found.ubx else 0.0
 
 
 def convert(source: Source, options: Options) -> Iterator[Item]:

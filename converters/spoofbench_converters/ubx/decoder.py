@@ -45,6 +45,8 @@ class UbxDecoder:
         """Take the next piece's frames; yield what is complete, and frames that give no rows, with
         the reason.
         """
+        if not frames.starts.size:
+            return
         accepted, rejects = accept(frames)
         yield from rejects
         accepted = replace(accepted, epoch=self._grouper.assign(accepted))

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.arrays import Bools, Ints, Octets
+from spoofbench.arrays import Bools, Ints, Octets, ragged_arange, ragged_ranges
 from spoofbench.conversion import Rejects
 from spoofbench_converters.serial.contract import Frames
 from spoofbench_converters.ubx.messages import (
@@ -78,7 +78,7 @@ class FrameBuffer:
 
     def compact(self) -> Self:
         """Return the same frames over octets of their own."""
-        octets = self.octets[np.repeat(self.start, self.size) + ragged(self.size)]
+        octets = self.octets[ragged_ranges(self.start, self.size)]
         return replace(self, octets=octets, start=np.cumsum(self.size) - self.size)
 
     def join(self, later: Self) -> Self:
@@ -109,16 +109,12 @@ class FrameBuffer:
         place in ``rows`` of each.
         """
         counts = (self.size[rows] - head) // layout.itemsize
-        starts = np.repeat(self.start[rows] + head, counts) + ragged(counts) * layout.itemsize
+        starts = (
+            np.repeat(self.start[rows] + head, counts) + ragged_arange(counts) * layout.itemsize
+        )
         return pieces(self.octets, starts, layout.itemsize).view(layout)[:, 0], np.repeat(
             np.arange(rows.size), counts
         )
-
-
-def ragged(counts: Ints) -> Ints:
-    """Return 0, 1, ... counts[0] - 1, 0, 1, ... counts[1] - 1, and so on."""
-    ends = np.cumsum(counts)
-    return np.arange(ends[-1] if ends.size else 0) - np.repeat(ends - counts, counts)
 
 
 def pieces(octets: Octets, starts: Ints, size: int) -> Octets:

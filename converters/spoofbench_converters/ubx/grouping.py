@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spoofbench.arrays import Bools, Ints
+from spoofbench.arrays import Bools, Ints, forward_fill
+from spoofbench.gnss_time import wrap_difference
 from spoofbench_converters.ubx.frames import ROLES, FrameBuffer
 from spoofbench_converters.ubx.messages import Role
 
@@ -95,7 +96,7 @@ class Grouper:
         in ms.
         """
         navigation = roles == Role.NAV
-        last = _latest(np.where(navigation, told, -1), navigation, self._navigation_ms)
+        last = forward_fill(told, navigation, self._navigation_ms)
         self._navigation_ms = int(last[-1])
         apart = np.where(last >= 0, _apart(told, last), WEEK_MS)
         raw = (roles == Role.RAW) & (told >= 0) & (apart > _RAW_AFTER_MS)
@@ -207,12 +208,6 @@ def _recent(times: Ints) -> Ints:
     return largest
 
 
-def _latest(values: Ints, given: Bools, before: int) -> Ints:
-    """Return the last given value up to each place."""
-    places = np.maximum.accumulate(np.where(given, np.arange(values.size), -1))
-    return np.asarray(np.where(places >= 0, values[np.maximum(places, 0)], before))
-
-
 def _apart(times: Ints, others: Ints) -> Ints:
     """How far times of week are apart, in ms."""
-    return np.asarray(np.abs((times - others + WEEK_MS // 2) % WEEK_MS - WEEK_MS // 2))
+    return np.asarray(np.abs(wrap_difference(times - others, WEEK_MS)))

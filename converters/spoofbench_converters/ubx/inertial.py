@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.arrays import Floats, Ints
+from spoofbench.gnss_time import wrap_difference
 from spoofbench.table import Column
 from spoofbench_converters.serial.contract import EpochRows
 from spoofbench_converters.ubx.batch import (
@@ -66,15 +67,11 @@ class _Counter:
             return values
         if self.last is None:
             self.last = self.total = int(values[0])
-        counts = self.total + np.cumsum(_nearest(np.diff(values, prepend=self.last), self.bits))
+        counts = self.total + np.cumsum(
+            wrap_difference(np.diff(values, prepend=self.last), 1 << self.bits)
+        )
         self.last, self.total = int(values[-1]), int(counts[-1])
         return np.asarray(counts)
-
-
-def _nearest(steps: Ints, bits: int) -> Ints:
-    """Return steps of a counter of so many bits as the nearest to 0 that they may be."""
-    half = 1 << bits - 1
-    return np.asarray((steps + half) % (2 * half) - half)
 
 
 class UbxSensors:
@@ -161,7 +158,7 @@ class UbxSensors:
         start_ns = np.zeros(first.size, np.int64)
         start_ns[told] = self._counters[key].unwrap(clock_ms[told]) * MS_NS
         start_ns[~told] = np.rint(self._raw_tags.unwrap(tags[first][~told]) * _RAW_TICK_NS)
-        since = _nearest(tags - tags[first][message], _RAW_BITS)
+        since = wrap_difference(tags - tags[first][message], 1 << _RAW_BITS)
         ticks = start_ns[message] + np.rint(since * _RAW_TICK_NS).astype(np.int64)
         return _rows(batch, self.sources[key], picked.frames[place], ticks, blocks["data"])
 
@@ -354,9 +351,7 @@ def high_rate(batch: EpochBatch, claims: EpochTimes, source: str) -> list[EpochR
         batch.refuse(one.frames[~np.isin(one.frames, frames[valid])], _NO_VALUE)
     told = np.isin(np.arange(instants.size), place[valid])
     first = instants[told]
-    after = (
-        time[first] - np.maximum(claims.time_ms[epoch[first]], 0) + WEEK_MS // 2
-    ) % WEEK_MS - WEEK_MS // 2
+    after = wrap_difference(time[first] - np.maximum(claims.time_ms[epoch[first]], 0), WEEK_MS)
     columns = {name: fields[name][told] for name in fields}
     return [batch.rows(source, "ins/pva", frames[first], columns, offset_ns=after * MS_NS)]
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spoofbench.table import Column
 from spoofbench_converters.nmea.decoder import DecoderOptions, NmeaDecoder
 from spoofbench_converters.serial.contract import ABSENT_NS, Epochs, Frames
 
 from spoofbench.conversion import Rejects
+from spoofbench.table import Column
 
 FOLDER = Path(__file__).parents[2].parent / "shared" / "data" / "nmea_ubx"
 _SENTENCE = re.compile(rb"[$!][^$!\r\n*]{3,200}\*([0-9A-Fa-f]{2})")

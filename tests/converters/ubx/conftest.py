@@ -16,7 +16,7 @@ from spoofbench_converters.ubx.decoder import UbxDecoder
 from spoofbench_converters.ubx.messages import MESSAGES, NUMBER, offset_in
 from spoofbench_converters.ubx.names import key_of
 
-from spoofbench.table import Column, Table
+from spoofbench.table import Table
 
 LOGS = Path(__file__).parents[2].parent / "shared" / "data" / "nmea_ubx"
 
