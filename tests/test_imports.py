@@ -32,7 +32,7 @@ ORDER = [
     "reproducing",
     "assessing",
     "doctor",
-    "exporting",
+    "export",
     "info",
     "testing",
     "demo",

@@ -118,7 +118,7 @@ def test_unknown_is_null(tmp_path: Path) -> None:
     found = summarised(
         Recording({"/gnss0/gnss/pvt": Table("gnss/pvt", times, {"num_sv": np.arange(3)})}), tmp_path
     )
-    assert found.motion == info.Motion(None, None, None)
+    assert found.motion == info.MotionSummary(None, None, None)
     assert (found.clock, found.ledger) == (None, None)
     assert "motion" in info.as_text(found)
     empty = summarised(Recording({}), tmp_path)

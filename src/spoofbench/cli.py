@@ -217,8 +217,8 @@ def export(
     ] = None,
 ) -> None:
     """Write topics for other programs."""
-    from spoofbench.exporting import export as export_topics
-    from spoofbench.exporting import export_by_mapping
+    from spoofbench.export import export as export_topics
+    from spoofbench.export import export_by_mapping
 
     if out.resolve() == file.resolve():
         raise typer.BadParameter(f"{str(out)!r} is the recording itself")

@@ -1,17 +1,20 @@
 """What a recording holds, at a glance."""
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools
 from spoofbench.codec import read
 from spoofbench.conversion import Ledger
 from spoofbench.doctor import Finding, examine
+from spoofbench.doctor.contents import GAP_FACTOR
+from spoofbench.doctor.inertial import STOPPED_MPS
+from spoofbench.doctor.motion import speed
 from spoofbench.formatting import (
     byte_size,
     counted,
@@ -24,9 +27,7 @@ from spoofbench.recording import Recording
 from spoofbench.schema import TRUTH_TOPIC, split_topic
 from spoofbench.table import Table
 
-STOPPED_MPS = 0.3
-GAP_FACTOR = 1.75
-WIDTH = 80
+_WIDTH = 80
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,10 @@ class TopicSummary:
     """One topic.
 
     Attributes:
+        topic: its name.
+        primary: whether its source is the primary one of its kind.
+        rows: how many there are.
+        start_ns, end_ns: half-open interval of their times; None without rows.
         rate_hz: one over the median interval between distinct times; None below two of them.
         gaps: intervals longer than 1.75 times the median: one epoch is missing, or more.
         longest_gap_s: the longest of those; None where there is none.
@@ -50,12 +55,13 @@ class TopicSummary:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
-    """How the primary receiver moved, by its own word.
+class MotionSummary:
+    """How the primary receiver moved, as it reports; None where unknown.
 
     Attributes:
-        distance_m: sum of the ways between epochs of which one at least is faster than 0.3 m/s.
-        top_speed_mps: over ground; infinite speeds and places count as unknown.
+        distance_m: sum of the distances between epochs of which one at least is faster than
+            0.3 m/s.
+        top_speed_mps: over ground; infinite speeds and positions count as unknown.
         stopped_share: share of the epochs with a speed that are slower than 0.3 m/s.
     """
 
@@ -73,7 +79,7 @@ class Summary:
     duration_s: float | None
     clock: str | None
     topics: tuple[TopicSummary, ...]
-    motion: Motion | None
+    motion: MotionSummary | None
     attacks: int
     metadata: Mapping[str, Mapping[str, str]]
     ledger: Ledger | None
@@ -87,11 +93,8 @@ def summarise(path: Path) -> Summary:
         FormatError: the file is not a recording, or is damaged.
     """
     recording = read(path)
-    span = (
-        recording.span
-        if any(len(table) for topic, table in recording.items() if topic != TRUTH_TOPIC)
-        else None
-    )
+    has_rows = any(len(table) for topic, table in recording.items() if topic != TRUTH_TOPIC)
+    span = recording.span if has_rows else None
     return Summary(
         file=path.name,
         start_ns=span.start_ns if span else None,
@@ -108,15 +111,70 @@ def summarise(path: Path) -> Summary:
     )
 
 
+def _topic(recording: Recording, topic: str) -> TopicSummary:
+    times = recording[topic].time_ns
+    source, kind = split_topic(topic)
+    intervals_ns = np.diff(times)
+    intervals_s = intervals_ns[intervals_ns > 0] / 1e9
+    median_s = float(np.median(intervals_s)) if intervals_s.size else None
+    gaps_s = intervals_s[intervals_s > GAP_FACTOR * median_s] if median_s else intervals_s
+    return TopicSummary(
+        topic=topic,
+        primary=recording.metadata.get("primary", {}).get(kind) == source,
+        rows=times.size,
+        start_ns=int(times[0]) if times.size else None,
+        end_ns=int(times[-1]) + 1 if times.size else None,
+        rate_hz=1 / median_s if median_s else None,
+        gaps=gaps_s.size,
+        longest_gap_s=float(gaps_s.max()) if gaps_s.size else None,
+    )
+
+
+def _motion(pvt: Table) -> MotionSummary:
+    speed_mps = speed(pvt)
+    known = np.isfinite(speed_mps)
+    moving = speed_mps >= STOPPED_MPS
+    return MotionSummary(
+        distance_m=_distance(pvt, moving | ~known),
+        top_speed_mps=float(speed_mps[known].max()) if known.any() else None,
+        stopped_share=float(np.mean(~moving[known])) if known.any() else None,
+    )
+
+
+def _distance(pvt: Table, moving: Bools) -> float | None:
+    """Return the length of the track while the receiver moves, m; None where unknown."""
+    import pymap3d
+
+    has_position = np.isfinite(pvt["lat_deg"]) & np.isfinite(pvt["lon_deg"])
+    if not has_position.any():
+        return None
+    rows = pvt.take(has_position)
+    height_m = np.where(np.isfinite(rows["height_m"]), rows["height_m"], 0.0)
+    ecef_m = np.stack(pymap3d.geodetic2ecef(rows["lat_deg"], rows["lon_deg"], height_m), axis=1)
+    moving = moving[has_position]
+    with np.errstate(over="ignore"):
+        steps_m = np.linalg.norm(np.diff(ecef_m, axis=0), axis=1)
+        distance_m = float(steps_m[moving[1:] | moving[:-1]].sum())
+    return distance_m if np.isfinite(distance_m) else None
+
+
+def _ledger(record: Mapping[str, str] | None) -> Ledger | None:
+    if record is None:
+        return None
+    try:
+        return Ledger.of_metadata(record)
+    except (KeyError, ValueError, TypeError):  # written by another program
+        return None
+
+
 def as_dict(summary: Summary) -> dict[str, Any]:
     """Return a summary for machines; unknown is None."""
-    topics = [asdict(topic) for topic in summary.topics]
     return {
         "file": summary.file,
         "start_ns": summary.start_ns,
         "duration_s": summary.duration_s,
         "clock": summary.clock,
-        "topics": topics,
+        "topics": [asdict(topic) for topic in summary.topics],
         "motion": asdict(summary.motion) if summary.motion else None,
         "attacks": summary.attacks,
         "metadata": {name: dict(record) for name, record in summary.metadata.items()},
@@ -131,155 +189,16 @@ def as_text(summary: Summary) -> str:
     if summary.start_ns is not None and summary.duration_s is not None:
         duration = hours_minutes_seconds(summary.duration_s)
         when = f"{duration} from {date_time(summary.start_ns)} UTC"
-    origin = summary.metadata.get("origin", {})
     lines = [printable(summary.file), f"  {when}", *_topic_lines(summary.topics), ""]
-    if "file" in origin:
-        lines.append(
-            _pair(
-                "log",
-                (
-                    f"{origin['file']}, {_size(origin.get('size', ''))}by the "
-                    f"{origin.get('converter', '?')} converter"
-                ),
-            )
+    for name, value in _descriptions(summary):
+        text = textwrap.fill(
+            printable(value),
+            _WIDTH,
+            initial_indent=f"{printable(name) + '  ':<11}",
+            subsequent_indent=" " * 11,
         )
-    lines.append(_pair("clock", _clock_text(summary)))
-    here = {split_topic(topic.topic)[0] or "reference" for topic in summary.topics}
-    for name, record in summary.metadata.items():
-        source = name.removeprefix("source/")
-        if name.startswith("source/") and source in here:
-            lines.append(_pair(source, _source_text(record)))
-    if summary.motion:
-        lines.append(_pair("motion", _motion_text(summary.motion)))
-    if summary.attacks:
-        lines.append(_pair("attacks", f"{summary.attacks} in {TRUTH_TOPIC}"))
-    if summary.ledger:
-        lines.append(_pair("ledger", _ledger_text(summary.ledger)))
-    lines.append(_pair("doctor", _doctor_text(summary.findings)))
+        lines.append(text)
     return "\n".join(line.rstrip() for line in lines)
-
-
-def _clock_text(summary: Summary) -> str:
-    about = summary.metadata.get("recording", {})
-    steps = about.get("clock_step_count", "0")
-    said = {"leap_seconds": "leap seconds ", "reference_date": "date by the user "}
-    parts = [
-        summary.clock or "unknown",
-        *(f"{text}{about[key]}" for key, text in said.items() if key in about),
-    ]
-    return ", ".join([*parts, f"{steps} steps"] if steps != "0" else parts)
-
-
-def _source_text(record: Mapping[str, str]) -> str:
-    """What a source is: device and firmware, what its solution is of, its axes, and where the log
-    had it.
-    """
-    solution = {"gnss": "GNSS only", "fused": "fused with inertial sensors"}.get(
-        record.get("solution", "")
-    )
-    axes = f"axes {record['axes']}" if "axes" in record else None
-    return (
-        ", ".join(
-            part
-            for part in (
-                record.get("device"),
-                record.get("firmware"),
-                solution,
-                axes,
-                record.get("topic"),
-            )
-            if part
-        )
-        or "unknown"
-    )
-
-
-def _ledger_text(ledger: Ledger) -> str:
-    text = f"{ledger.used:,} {ledger.unit} used, {ledger.skipped:,} skipped"
-    if not ledger.skipped:
-        return text
-    reason, count = ledger.reasons.most_common(1)[0]
-    return f"{text} ({share_percent(ledger.skipped_share)} %), {count:,} of them: {reason}"
-
-
-def _doctor_text(findings: Sequence[Finding]) -> str:
-    codes = {
-        severity: [finding.code for finding in findings if finding.severity == severity]
-        for severity in ("error", "warning")
-    }
-    said = [
-        f"{counted(len(found), severity)}: {', '.join(dict.fromkeys(found))}"
-        for severity, found in codes.items()
-        if found
-    ]
-    return "; ".join(said) + "; see spoofbench doctor" if said else "nothing to warn of"
-
-
-def _size(text: str) -> str:
-    return f"{byte_size(float(text))}, " if text.isdecimal() and len(text) <= 20 else ""
-
-
-def _topic(recording: Recording, topic: str) -> TopicSummary:
-    times = recording[topic].time_ns
-    source, kind = split_topic(topic)
-    steps = np.diff(times)
-    steps = steps[steps > 0] / 1e9
-    median = float(np.median(steps)) if steps.size else None
-    gaps = steps[steps > GAP_FACTOR * median] if median else steps
-    return TopicSummary(
-        topic=topic,
-        primary=recording.metadata.get("primary", {}).get(kind) == source,
-        rows=times.size,
-        start_ns=int(times[0]) if times.size else None,
-        end_ns=int(times[-1]) + 1 if times.size else None,
-        rate_hz=1 / median if median else None,
-        gaps=gaps.size,
-        longest_gap_s=float(gaps.max()) if gaps.size else None,
-    )
-
-
-def _motion(pvt: Table) -> Motion:
-    speed = _speed(pvt)
-    known = np.isfinite(speed)
-    moving = speed >= STOPPED_MPS
-    return Motion(
-        distance_m=_distance(pvt, moving | ~known),
-        top_speed_mps=float(speed[known].max()) if known.any() else None,
-        stopped_share=float(np.mean(~moving[known])) if known.any() else None,
-    )
-
-
-def _speed(pvt: Table) -> NDArray[np.float64]:
-    """Return the speed over ground, ``(n,)`` m/s, from the velocity or else as the receiver says
-    it.
-    """
-    velocity = np.hypot(pvt["vel_n_mps"], pvt["vel_e_mps"])
-    return np.where(np.isnan(velocity), pvt["speed_mps"], velocity)
-
-
-def _distance(pvt: Table, moving: NDArray[np.bool_]) -> float | None:
-    import pymap3d
-
-    placed = np.isfinite(pvt["lat_deg"]) & np.isfinite(pvt["lon_deg"])
-    if not placed.any():
-        return None
-    height = np.where(np.isfinite(pvt["height_m"]), pvt["height_m"], 0.0)[placed]
-    places = np.stack(
-        pymap3d.geodetic2ecef(pvt["lat_deg"][placed], pvt["lon_deg"][placed], height), axis=1
-    )
-    with np.errstate(over="ignore"):
-        ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
-        distance_m = float(ways[moving[placed][1:] | moving[placed][:-1]].sum())
-    return distance_m if np.isfinite(distance_m) else None
-
-
-def _ledger(record: Mapping[str, str] | None) -> Ledger | None:
-    if record is None:
-        return None
-    try:
-        return Ledger.of_metadata(record)
-    except (KeyError, ValueError, TypeError):  # written by another program
-        return None
 
 
 def _topic_lines(topics: tuple[TopicSummary, ...]) -> list[str]:
@@ -293,14 +212,61 @@ def _topic_lines(topics: tuple[TopicSummary, ...]) -> list[str]:
             f"  {name + (' *' if topic.primary else ''):<{width}}{topic.rows:>11,}{rate:>10}"
             f"{topic.gaps:>7}{gap:>11}"
         )
-    return (
-        [*lines, "  * primary source of its kind"]
-        if any(topic.primary for topic in topics)
-        else lines
+    if any(topic.primary for topic in topics):
+        lines.append("  * primary source of its kind")
+    return lines
+
+
+def _descriptions(summary: Summary) -> Iterator[tuple[str, str]]:
+    """Yield what there is to say besides the topics: what of, and the text."""
+    origin = summary.metadata.get("origin", {})
+    if "file" in origin:
+        size = origin.get("size", "")
+        with_size = f"{byte_size(float(size))}, " if size.isdecimal() and len(size) <= 20 else ""
+        yield "log", f"{origin['file']}, {with_size}by the {origin.get('converter', '?')} converter"
+    yield "clock", _clock_text(summary)
+    sources = {split_topic(topic.topic)[0] or "reference" for topic in summary.topics}
+    for name, record in summary.metadata.items():
+        source = name.removeprefix("source/")
+        if name.startswith("source/") and source in sources:
+            yield source, _source_text(record)
+    if summary.motion:
+        yield "motion", _motion_text(summary.motion)
+    if summary.attacks:
+        yield "attacks", f"{summary.attacks} in {TRUTH_TOPIC}"
+    if summary.ledger:
+        yield "ledger", _ledger_text(summary.ledger)
+    yield "doctor", _doctor_text(summary.findings)
+
+
+def _clock_text(summary: Summary) -> str:
+    about = summary.metadata.get("recording", {})
+    parts = [summary.clock or "unknown"]
+    if "leap_seconds" in about:
+        parts.append(f"leap seconds {about['leap_seconds']}")
+    if "reference_date" in about:
+        parts.append(f"date by the user {about['reference_date']}")
+    if about.get("clock_step_count", "0") != "0":
+        parts.append(f"{about['clock_step_count']} steps")
+    return ", ".join(parts)
+
+
+def _source_text(record: Mapping[str, str]) -> str:
+    """What a source is: device and firmware, what its solution is of, its axes, and where the log
+    had it.
+    """
+    solutions = {"gnss": "GNSS only", "fused": "fused with inertial sensors"}
+    parts = (
+        record.get("device"),
+        record.get("firmware"),
+        solutions.get(record.get("solution", "")),
+        f"axes {record['axes']}" if "axes" in record else None,
+        record.get("topic"),
     )
+    return ", ".join(part for part in parts if part) or "unknown"
 
 
-def _motion_text(motion: Motion) -> str:
+def _motion_text(motion: MotionSummary) -> str:
     parts = []
     if motion.distance_m is not None:
         parts.append(f"{motion.distance_m / 1000:.2f} km")
@@ -312,10 +278,18 @@ def _motion_text(motion: Motion) -> str:
     return ", ".join(parts) or "unknown"
 
 
-def _pair(name: str, value: str) -> str:
-    return textwrap.fill(
-        printable(value),
-        WIDTH,
-        initial_indent=f"{printable(name) + '  ':<11}",
-        subsequent_indent=" " * 11,
-    )
+def _ledger_text(ledger: Ledger) -> str:
+    text = f"{ledger.used:,} {ledger.unit} used, {ledger.skipped:,} skipped"
+    if not ledger.skipped:
+        return text
+    reason, count = ledger.reasons.most_common(1)[0]
+    return f"{text} ({share_percent(ledger.skipped_share)} %), {count:,} of them: {reason}"
+
+
+def _doctor_text(findings: Sequence[Finding]) -> str:
+    parts = []
+    for severity in ("error", "warning"):
+        codes = [finding.code for finding in findings if finding.severity == severity]
+        if codes:
+            parts.append(f"{counted(len(codes), severity)}: {', '.join(dict.fromkeys(codes))}")
+    return "; ".join(parts) + "; see spoofbench doctor" if parts else "nothing to warn of"

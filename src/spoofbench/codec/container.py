@@ -236,7 +236,7 @@ def parse_chunk(buffer: NDArray[np.uint8], offset: int, limits: Limits) -> Chunk
         )
     if size > limits.chunk_bytes:
         raise LimitError(
-            f"the chunk at byte {offset} declares {size!r} bytes where at limit "
+            f"the chunk at byte {offset} declares {size!r} bytes where at most "
             f"{limits.chunk_bytes} are allowed"
         )
     return Chunk(offset, start_ns, end_ns, size, crc, name, slice(data, data + data_length))

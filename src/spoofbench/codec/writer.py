@@ -279,7 +279,7 @@ class Writer:
         self._drain(2 * _THREADS)
 
     def _drain(self, limit: int) -> None:
-        """Wait until at limit so many chunks are on their way to the file."""
+        """Wait until at most ``limit`` chunks are on their way to the file."""
         while len(self._under_way) > limit:
             self._under_way.popleft().result()
 

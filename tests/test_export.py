@@ -21,8 +21,7 @@ from pyarrow import parquet
 from spoofbench import plugins
 from spoofbench.codec import write
 from spoofbench.errors import ConversionError, PluginError, RecordingError
-from spoofbench.exporting import export, export_by_mapping
-from spoofbench.exporting.tables import arrow_table, write_csv
+from spoofbench.export import arrow_table, export, export_by_mapping, write_csv
 from spoofbench.recording import Recording
 from spoofbench.schema import KINDS, split_topic
 from spoofbench.table import Column, Table
