@@ -48,6 +48,7 @@ TASK = Task(
     parameters="{}",
     requires='["imu"]',
     memory_s=5.0,
+    baseline=False,
     hold_s=None,
     target_far_per_hour=1.0,
     status="ok",

@@ -51,6 +51,7 @@ class Task:
         plugin, plugin_distribution, plugin_version, parameters: what the detector is.
         requires: kinds without which it cannot run, as JSON text.
         memory_s: how long an alert may outlast its cause.
+        baseline: whether the detector says that it is one that others must beat.
         hold_s: how long a decision stands; None for one epoch.
         target_far_per_hour: the false-alert rate that detectors are to keep.
         status, reason: what became of it, and why where that is not ``ok``.
@@ -72,6 +73,7 @@ class Task:
     parameters: str
     requires: str
     memory_s: float
+    baseline: bool
     hold_s: float | None
     target_far_per_hour: float
     status: Status
@@ -79,6 +81,7 @@ class Task:
 
 
 _TASK_TYPES: dict[Any, Any] = {
+    bool: pa.bool_(),
     int: pa.int64(),
     int | None: pa.int64(),
     float: pa.float64(),

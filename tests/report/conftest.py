@@ -144,6 +144,7 @@ def make_task(
         parameters='{"threshold": 1.0}',
         requires="gnss/pvt",
         memory_s=20.0,
+        baseline=False,
         hold_s=None,
         target_far_per_hour=1.0,
         status=status,

@@ -70,6 +70,10 @@ def test_every_task_has_a_row_in_the_order_of_the_suite(hostile: Path) -> None:
         assert (outcome.status, outcome.reason) == (task.status, task.reason)
 
 
+def test_a_baseline_is_what_says_so_itself(hostile: Path) -> None:
+    assert {task.detector for task in read_tasks(hostile) if task.baseline} == {"prints"}
+
+
 @pytest.mark.parametrize(
     ("detector", "status", "reason"),
     [

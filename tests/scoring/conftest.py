@@ -44,6 +44,7 @@ TASK = Task(
     parameters="{}",
     requires="[]",
     memory_s=0.0,
+    baseline=False,
     hold_s=None,
     target_far_per_hour=1.0,
     status="ok",

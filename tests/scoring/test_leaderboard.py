@@ -151,8 +151,8 @@ def test_detection_has_an_interval_from_five_sessions_on(
         assert row.detection_pct_lo < row.detection_pct < row.detection_pct_hi
 
 
-def test_rows_of_chance_are_marked(bench: Any) -> None:
-    add(bench, "never", [], [], plugin_distribution="spoofbench-baselines")
+def test_baselines_are_marked(bench: Any) -> None:
+    add(bench, "never", [], [], baseline=True)
     add(bench, "mine", [], [110])
     assert {row.detector: row.baseline for row in ranked(bench).rows} == {
         "never": True,
@@ -217,7 +217,11 @@ def random_tables(rng: np.random.Generator, *, ties: bool, gaps: bool) -> tuple[
                 tasks.append(
                     name
                     | dict.fromkeys(("plugin", "plugin_version", "parameters", "requires"), "p")
-                    | {"plugin_distribution": "x", "variant_id": f"{recording} {attack} {seed}"}
+                    | {
+                        "plugin_distribution": "x",
+                        "baseline": False,
+                        "variant_id": f"{recording} {attack} {seed}",
+                    }
                     | {"memory_s": 0.0, "target_far_per_hour": 1.0, "status": status}
                 )
                 row = name | {"status": status}

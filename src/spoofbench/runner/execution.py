@@ -83,9 +83,15 @@ def describe(
     if target is not None and RATE_PARAMETER in about["parameters"]:
         given.setdefault(RATE_PARAMETER, target)
     kinds = {name: tuple(about.get(name, ())) for name in ("requires", "uses", "models")}
-    memory_s = about.get("memory_s", 0.0)
     return ConfiguredPlugin(
-        entry, plugin, given, about["parameters"], code, memory_s=memory_s, **kinds
+        entry,
+        plugin,
+        given,
+        about["parameters"],
+        code,
+        memory_s=about.get("memory_s", 0.0),
+        baseline=about.get("baseline", False),
+        **kinds,
     )
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 from spoofbench import codec, plugins
 from spoofbench.attacks.contract import Attack, attackable_span, draw_window, make_variant
-from spoofbench.detector import Decisions, Detector, detect
+from spoofbench.detector import Decisions, Detector, detect, is_baseline
 from spoofbench.errors import NotApplicable, PluginError, RecordingError
 from spoofbench.recording import Interval, Recording
 from spoofbench.results import write_truth
@@ -143,6 +143,7 @@ def _contract(group: plugins.Group, made: Any) -> Record:
         "requires": [str(kind) for kind in made.requires],
         "uses": [str(kind) for kind in made.uses],
         "memory_s": float(made.memory_s),
+        "baseline": is_baseline(made),
     }
 
 

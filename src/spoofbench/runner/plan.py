@@ -23,7 +23,7 @@ class ConfiguredPlugin:
         given: the parameters to make it with.
         full: all its parameters.
         code: digest of its code.
-        requires, uses, memory_s: a detector's contract.
+        requires, uses, memory_s, baseline: a detector's contract.
         models: kinds whose change an attack models.
         failure: set where the plugin cannot be loaded.
     """
@@ -36,6 +36,7 @@ class ConfiguredPlugin:
     requires: tuple[str, ...] = ()
     uses: tuple[str, ...] = ()
     memory_s: float = 0.0
+    baseline: bool = False
     models: tuple[str, ...] = ()
     failure: Failure | None = None
 
@@ -117,6 +118,7 @@ class PlannedTask:
             parameters=identity.canonical(detector.full),
             requires=", ".join(detector.requires),
             memory_s=detector.memory_s,
+            baseline=detector.baseline,
             hold_s=entry.hold_s if isinstance(entry, DetectorEntry) else None,
             target_far_per_hour=target_far_per_hour,
             status=status,

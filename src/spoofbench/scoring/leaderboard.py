@@ -36,9 +36,6 @@ from spoofbench.scoring.statistics import (
     survival_curve,
 )
 
-BASELINES = "spoofbench-baselines"
-"""The distribution whose detectors are rows of chance."""
-
 _STATUSES: tuple[Status, ...] = get_args(Status)
 _Columns = Mapping[str, NDArray[Any]]
 """Columns of a table by name, ``(n,)``: numbers as float64, NaN where unknown; names as codes."""
@@ -54,7 +51,7 @@ class LeaderboardRow:
         detector: name in the suite.
         plugin, plugin_distribution, plugin_version, parameters: what it is; parameters as JSON
             text.
-        baseline: a row of chance, for comparison.
+        baseline: whether the detector says that it is one that others must beat.
         keeps_target: whether the lower end of the false-alert interval is at most the target; None
             where the rate is unknown.
         detection_pct: mean over attacked tasks, failures as 0; ``lo`` and ``hi`` by bootstrap over
@@ -276,7 +273,7 @@ def _row(
         plugin_distribution=task["plugin_distribution"],
         plugin_version=task["plugin_version"],
         parameters=task["parameters"],
-        baseline=task["plugin_distribution"] == BASELINES,
+        baseline=task["baseline"],
         keeps_target=None
         if false.per_hour_lo is None
         else false.per_hour_lo <= task["target_far_per_hour"],

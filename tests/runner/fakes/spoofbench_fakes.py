@@ -140,6 +140,8 @@ class Garbage(Steady):
 class Prints(Steady):
     """Talks too much."""
 
+    baseline: ClassVar[bool] = True
+
     def detect(self, recording: Recording) -> Decisions:
         for _ in range(64):
             sys.stdout.write("x" * (1 << 16))
