@@ -189,3 +189,25 @@ def test_one_topic_is_exported(tmp_path: Path) -> None:
     done = _spoofbench("export", "x.mcap", "-o", "imu.csv", "--topic", "/imu0/imu", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (0, "imu.csv: /imu0/imu\n")
     assert (tmp_path / "imu.csv").read_text().startswith('"time_ns","time","accel_x_mps2"')
+
+
+@pytest.mark.parametrize(
+    ("parameter", "sentence"),
+    [
+        ("rate_mps=abc", "parameter rate_mps = 'abc' must be a number"),
+        ("rate_mps=nan", "parameter rate_mps = 'nan' must be a finite number"),
+        ("rate_mps=[1]", "parameter rate_mps = '[1]' must be a number"),
+        ("direction_deg=north", "parameter direction_deg = 'north' must be empty or a number"),
+        ("rate=1", "has no parameter 'rate'; did you mean 'rate_mps'?"),
+        ("vertical_share=2", "vertical_share must"),
+    ],
+)
+def test_a_parameter_is_refused_by_name_and_value(
+    parameter: str, sentence: str, tmp_path: Path
+) -> None:
+    (tmp_path / "x.mcap").write_bytes(b"")
+    words = ["attack", "x.mcap", "-a", "drag-off", "-p", parameter, "-o", "out.mcap"]
+    done = _spoofbench(*words, cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert done.stderr.startswith("spoofbench: attack 'drag-off' of spoofbench ")
+    assert sentence in done.stderr

@@ -14,8 +14,7 @@ from spoofbench.terminal import (
     print_json,
     print_lines,
     progress_bars,
-    read_texts,
-    read_values,
+    read_parameters,
 )
 
 app = typer.Typer(
@@ -29,7 +28,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-MOST_S, MOST_SEED = 1e9, 2**63 - 1
+MAX_S, MAX_SEED = 1e9, 2**63 - 1
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print for machines.")]
 Parameters = Annotated[
@@ -113,10 +112,10 @@ def convert(
     jobs = plan(inputs, out, log_format)
     with progress_bars() as progress:
         if len(jobs) == 1 and not jobs[0].walked:
-            request = Request(log_format, {**wishes, **read_texts(options)}, {}, strict)
+            request = Request(log_format, {**wishes, **read_parameters(options)}, {}, strict)
             outcomes = [convert_job(jobs[0], request, progress(f"convert {jobs[0].source.name}"))]
         else:
-            request = Request(log_format, read_texts(options), wishes, strict)
+            request = Request(log_format, read_parameters(options), wishes, strict)
             made = convert_many(
                 jobs, request, workers=workers, progress=progress(f"convert {len(jobs)} logs")
             )
@@ -182,7 +181,7 @@ def doctor(
     found: dict[str, Any] = {}
     for file in files:
         try:
-            found[str(file)] = examine_file(file, log_format, read_texts(options))
+            found[str(file)] = examine_file(file, log_format, read_parameters(options))
         except (SpoofbenchError, OSError) as error:
             complain(f"{file}: {error}" if len(files) > 1 else str(error))
     if as_json:
@@ -253,11 +252,11 @@ def attack(
     start: Annotated[
         float | None,
         typer.Option(
-            min=0, max=MOST_S, help="Seconds after the first row; else drawn by the seed."
+            min=0, max=MAX_S, help="Seconds after the first row; else drawn by the seed."
         ),
     ] = None,
-    duration: Annotated[float, typer.Option(min=0, max=MOST_S, help="Seconds.")] = 120.0,
-    seed: Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed of all chance.")] = 0,
+    duration: Annotated[float, typer.Option(min=0, max=MAX_S, help="Seconds.")] = 120.0,
+    seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of all chance.")] = 0,
     as_json: AsJson = False,
 ) -> None:
     """Write a spoofed variant with its truth."""
@@ -271,7 +270,7 @@ def attack(
         file,
         out,
         name,
-        read_values(parameters),
+        read_parameters(parameters),
         donors or [],
         start_s=start,
         duration_s=duration,
@@ -437,7 +436,7 @@ def check(name: str, parameters: Parameters = None, as_json: AsJson = False) -> 
         installed.DETECTORS
     )
     results = (run_attack_checks if is_attack else run_detector_checks)(
-        name, read_values(parameters)
+        name, read_parameters(parameters)
     )
     if as_json:
         print_json([{"check": r.name, "passed": r.passed, "reason": r.reason} for r in results])

@@ -131,8 +131,10 @@ def read(
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON and TOML can say it, which :func:`read` turns back into an equal
-    one.
+    """Return a value as JSON and TOML can say it, which :func:`read` turns back into an equal one.
+
+    Raises:
+        TypeError: there is no way to say it.
     """
     if is_dataclass(value) and not isinstance(value, type):
         values = ((_key(each), getattr(value, each.name)) for each in fields(value) if each.init)
@@ -145,7 +147,11 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if _is_numpy(type(value)):
         return plain(value.tolist())
-    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
+    if isinstance(value, PurePath):
+        return str(value)
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise TypeError(f"neither JSON nor TOML can say {value!r}")
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:
@@ -279,9 +285,13 @@ class _Value:
             except (_Mismatch, self.section.error) as refusal:
                 refusals.append(refusal)
         first = refusals[0]
-        if isinstance(first, _Mismatch) and first.args[0] == self.label:
-            raise _Mismatch(self.label, str(text), first.args[2])
-        raise first
+        if not isinstance(first, _Mismatch) or first.args[0] != self.label:
+            raise first
+        wanted = first.args[2]
+        with suppress(_Mismatch, self.section.error):
+            self.read(kind, None)
+            wanted = f"empty or {wanted}"
+        raise _Mismatch(self.label, str(text), wanted)
 
     def _scalar(self, kind: type[Any], value: Any) -> Any:
         if kind is bool:
@@ -334,7 +344,7 @@ class _Value:
 
     def _choice(self, choices: Sequence[tuple[Any, Any]], value: Any) -> Any:
         """Return what goes with a plain value, of pairs of plain value and choice."""
-        sought = plain(value)
+        sought = plain(value) if isinstance(value, Enum) else value
         for said, choice in choices:
             if type(said) is type(sought) and said == sought:
                 return choice

@@ -4,14 +4,14 @@ Converters, attacks, detectors and reproductions of any distribution, ours inclu
 same entry-point groups.
 """
 
-import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 from typing import Any, Literal
 
+from spoofbench import config
 from spoofbench.errors import PluginError
 
 Group = Literal[
@@ -95,16 +95,18 @@ def find(group: Group, name: str) -> Plugin:
     """
     plugins = found(group)
     if name not in plugins:
-        near = difflib.get_close_matches(name, plugins, 1)
-        hint = (
-            f"did you mean {near[0]!r}?" if near else f"installed are {sorted(plugins) or 'none'}"
-        )
-        raise PluginError(f"no {role(group)} is called {name!r}; {hint}")
+        hint = config.did_you_mean(name, plugins)
+        raise PluginError(f"no {role(group)} is called {name!r}{hint}")
     return plugins[name]
 
 
 def make(group: Group, name: str, parameters: Mapping[str, Any] = MappingProxyType({})) -> Any:
     """Load a plugin whose object is a dataclass and return an instance with these parameters.
+
+    Args:
+        group, name: of the entry point.
+        parameters: by field of the dataclass; each is read as the field's annotation says, see
+            :func:`spoofbench.config.read`.
 
     Raises:
         PluginError: it cannot be loaded, has no such parameter, or refuses a value.
@@ -113,13 +115,5 @@ def make(group: Group, name: str, parameters: Mapping[str, Any] = MappingProxyTy
     factory = plugin.load()
     if not (isinstance(factory, type) and is_dataclass(factory)):
         raise PluginError(f"{plugin} is not a dataclass, so it has no parameters")
-    own = sorted(field.name for field in fields(factory) if field.init)
-    for parameter in parameters:
-        if parameter not in own:
-            raise PluginError(f"{plugin} has no parameter {parameter!r}; it has {own or 'none'}")
-    try:
-        return factory(**parameters)
-    except Exception as error:  # a plugin may raise anything
-        raise PluginError(
-            f"{plugin} refuses its parameters {dict(parameters)!r}: {type(error).__name__}: {error}"
-        ) from error
+    made: Any = config.read(factory, parameters, str(plugin), noun="parameter", error=PluginError)
+    return made

@@ -3,48 +3,36 @@ until they are needed.
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from spoofbench.config import Text
 
 Progress = Callable[[str], Callable[[float], None]]
 
 
-def read_texts(pairs: Iterable[str] | None) -> dict[str, str]:
-    """Return the values of ``KEY=VALUE`` words by key.
+def read_parameters(pairs: Iterable[str] | None) -> "dict[str, Text]":
+    """Return the values of ``KEY=VALUE`` words by key, as texts that whoever takes them reads as it
+    needs.
 
     Raises:
-        typer.BadParameter: a word is something else, or a key stands there twice.
+        typer.BadParameter: a word is something else, or a key is duplicated.
     """
+    from spoofbench.config import Text
+
     texts = {}
     for pair in pairs or []:
         key, equals, value = pair.partition("=")
         if not key or not equals:
             raise typer.BadParameter(f"{pair!r} is not KEY=VALUE")
         if key in texts:
-            raise typer.BadParameter(f"parameter {key!r} stands there twice")
-        texts[key] = value
+            raise typer.BadParameter(f"parameter {key!r} is duplicated; give it once")
+        texts[key] = Text(value)
     return texts
-
-
-def read_values(pairs: Iterable[str] | None) -> Mapping[str, Any]:
-    """Return the values of ``KEY=VALUE`` words by key, each as TOML would read it, and as plain
-    text where it is not TOML.
-
-    Raises:
-        typer.BadParameter: as :func:`read_texts`.
-    """
-    import tomllib
-
-    values: dict[str, Any] = {}
-    for key, text in read_texts(pairs).items():
-        try:
-            values[key] = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            values[key] = text
-    return values
 
 
 def print_json(value: Any) -> None:

@@ -124,7 +124,7 @@ def test_wishes_go_where_they_are_known(tmp_path: Path) -> None:
     code, _, err = convert("a", "--mapping", "x", "-o", "out", cwd=tmp_path)
     assert (code, err) == (
         1,
-        "spoofbench: the steps converter has no option 'mapping'; it has ['date']\n",
+        "spoofbench: the steps converter has no option 'mapping'; there are ['date']\n",
     )
 
 

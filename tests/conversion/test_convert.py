@@ -131,9 +131,9 @@ def test_only_the_first_rejects_are_kept_in_detail(install: Any, log: Path, tmp_
     ("options", "sentence"),
     [
         ({"rate": "1"}, "no option 'rate'"),
-        ({"rate_hz": "fast"}, "'fast', but must be a number"),
-        ({"mode": "medium"}, r"one of \['fast', 'slow'\]"),
-        ({"count": "1.5"}, "a whole number or empty"),
+        ({"rate_hz": "fast"}, "option rate_hz = 'fast' must be a number"),
+        ({"mode": "medium"}, "mode = 'medium' must be one of 'fast', 'slow'"),
+        ({"count": "1.5"}, "count = '1.5' must be empty or a whole number"),
         ({"keep": "maybe"}, "true or false"),
     ],
 )

@@ -144,7 +144,7 @@ def test_an_alert_does_not_outlast_its_memory() -> None:
 @pytest.mark.parametrize(
     ("parameters", "reason"),
     [
-        ({"executive": "both"}, r"executive must be one of \('simple', 'multi'\), not 'both'"),
+        ({"executive": "both"}, "executive = 'both' must be one of 'simple', 'multi'"),
         ({"lag_s": -0.1}, "lag_s must be at least 0"),
         ({"samples": 1}, "samples must be at least 2"),
         ({"sigma_mps2": 0.0}, "sigma_mps2 must be above 0"),

@@ -15,7 +15,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from spoofbench import plugins
+from spoofbench import config, plugins
 from spoofbench.attacks.laws import attacked_tables
 from spoofbench.codec import read, write
 from spoofbench.errors import NotApplicable, PluginError, SpoofbenchError
@@ -217,7 +217,8 @@ def parameters_of(name: str, attack: Attack) -> str:
         )
     form: Any = attack
     try:
-        return _canonical({field.name: getattr(attack, field.name) for field in fields(form)})
+        values = {field.name: config.plain(getattr(attack, field.name)) for field in fields(form)}
+        return _canonical(values)
     except (TypeError, ValueError) as error:
         raise PluginError(
             f"attack {name!r} has a parameter that JSON cannot hold: {error}"

@@ -5,14 +5,13 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from spoofbench import plugins
+from spoofbench import config, plugins
 from spoofbench.conversion.contract import (
     Block,
     Converter,
@@ -25,7 +24,6 @@ from spoofbench.conversion.contract import (
     SourceMetadata,
     Used,
 )
-from spoofbench.conversion.options import make_options
 from spoofbench.conversion.sources import Source, packing_of
 from spoofbench.errors import ConversionError, PluginError, SpoofbenchError
 from spoofbench.plugins import Plugin
@@ -76,7 +74,13 @@ def convert(
         else detect_format(log, by_mapping="mapping" in options)
     )
     converter = converter or plugin.load()
-    chosen = make_options(converter.Options, options, plugin.name)
+    chosen = config.read(
+        converter.Options,
+        {key: config.Text(value) for key, value in options.items()},
+        f"the {plugin.name} converter",
+        noun="option",
+        error=ConversionError,
+    )
     log = log.reset()
     with ThreadPoolExecutor(1) as pool:
         digest = pool.submit(_digest, source)
@@ -299,7 +303,7 @@ def _made_by(plugin: Plugin, converter: Converter, options: Any) -> dict[str, st
         "converter": plugin.name,
         "converter_version": converter.VERSION,
         "converter_distribution": f"{plugin.distribution} {plugin.version}",
-        "options": json.dumps(asdict(options), default=str, sort_keys=True),
+        "options": json.dumps(config.plain(options), sort_keys=True),
     }
 
 

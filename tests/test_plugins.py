@@ -100,7 +100,7 @@ def test_an_unknown_name_gets_a_hint(install: Install) -> None:
         PluginError, match="no detector is called 'sentinal'; did you mean 'sentinel'"
     ):
         find(DETECTORS, "sentinal")
-    with pytest.raises(PluginError, match=r"no detector is called 'zzz'; installed are \["):
+    with pytest.raises(PluginError, match=r"no detector is called 'zzz'; there are \["):
         find(DETECTORS, "zzz")
 
 
@@ -108,12 +108,12 @@ def test_parameters_are_named_and_refusals_blamed(install: Install) -> None:
     install("stranger-f", "levelled", DETECTOR)
     assert make(DETECTORS, "levelled", {"level": 2.0}).level == 2.0
     with pytest.raises(
-        PluginError, match=r"stranger-f 1.2.3 has no parameter 'depth'; it has \['level'\]"
+        PluginError, match=r"stranger-f 1.2.3 has no parameter 'depth'; there are \['level'\]"
     ):
         make(DETECTORS, "levelled", {"depth": 2.0})
     with pytest.raises(
         PluginError,
-        match=r"refuses its parameters \{'level': -1\}: ValueError: level must be at least 0",
+        match=r"refuses its parameters \{'level': -1.0\}: level must be at least 0",
     ):
         make(DETECTORS, "levelled", {"level": -1})
 
