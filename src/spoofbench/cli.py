@@ -251,9 +251,7 @@ def attack(
     ] = None,
     start: Annotated[
         float | None,
-        typer.Option(
-            min=0, max=MAX_S, help="Seconds after the first row; else drawn by the seed."
-        ),
+        typer.Option(min=0, max=MAX_S, help="Seconds after the first row; else drawn by the seed."),
     ] = None,
     duration: Annotated[float, typer.Option(min=0, max=MAX_S, help="Seconds.")] = 120.0,
     seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of all chance.")] = 0,

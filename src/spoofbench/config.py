@@ -15,8 +15,9 @@ be, its defaults what may be left out::
 An annotation can be ``bool``, ``int`` (of 64 bits), ``float`` (finite, unless the field's default
 is not), ``str``, a numpy scalar, ``Literal``, an enum (read by value or name), a path, ``None``, a
 union, tuple, list or mapping of these, a dataclass, or ``Any`` (what TOML can say, apart from
-dates). ``Annotated`` adds constraints of :mod:`annotated_types`, and by its ``doc("...")`` the
-words for what a value must be. ``field(metadata={"key": ...})`` gives a field another key.
+dates), or ``object`` (whatever is there, as it is). ``Annotated`` adds constraints of
+:mod:`annotated_types`, and by its ``doc("...")`` the words for what a value must be.
+``field(metadata={"key": ...})`` gives a field another key.
 """
 
 import difflib
@@ -56,6 +57,9 @@ from annotated_types import DocInfo, Ge, GroupedMetadata, Gt, Le, Lt, MaxLen, Mi
 from spoofbench.errors import ConfigError, SpoofbenchError
 
 T = TypeVar("T")
+
+NOT_ONLY_FINITE = "not only finite"
+"""In ``Annotated``: floats within may be infinite or NaN."""
 
 _LISTS: Mapping[Any, Callable[[list[Any]], Any]] = {tuple: tuple, Sequence: tuple, list: list}
 _TABLES = (dict, Mapping)
@@ -107,6 +111,7 @@ def read(
     table: Mapping[str, Any],
     where: str,
     *,
+    section: str = "",
     noun: str = "key",
     error: type[SpoofbenchError] = ConfigError,
 ) -> T:
@@ -116,6 +121,7 @@ def read(
         kind: the dataclass. A ``ValueError`` of its ``__post_init__`` says what does not fit.
         table: by key, what TOML or JSON can say, finished instances, or :class:`Text`.
         where: what an error names first, such as ``the suite 'drive.toml'``.
+        section: of the file that the table is, such as ``table.log``.
         noun: what an error calls a key, such as ``parameter``.
         error: class of the error.
 
@@ -124,7 +130,8 @@ def read(
             value is not what its annotation says, or the dataclass refuses the values.
     """
     try:
-        made: T = _Section(where, noun, error).read(kind, table)
+        top = _Section(where, noun, error)
+        made: T = (top.within(section) if section else top).read(kind, table)
     except RecursionError as reason:
         raise error(f"{where} nests its tables too deeply; write it flat") from reason
     return made
@@ -159,6 +166,11 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
     known = sorted(known)
     near = difflib.get_close_matches(given[:100], known, 1)
     return f"; did you mean {near[0]!r}?" if near else f"; there are {known or 'none'}"
+
+
+def bare_key(key: str) -> str:
+    """Return a key as TOML writes it: quoted where it must be."""
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key)
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,6 +243,7 @@ class _Value:
     key: str
     default: Any = None
     number: int | None = None
+    any_float: bool = False
 
     @property
     def label(self) -> str:
@@ -266,7 +279,9 @@ class _Value:
             value = value.tolist()
         if origin in (None, NoneType):
             return self._require(value is None, value, "empty")
-        if origin in (Any, object):
+        if origin is object:
+            return value
+        if origin is Any:
             return self._anything(value)
         if origin is Literal:
             return self._choice([(plain(choice), choice) for choice in args], value)
@@ -322,7 +337,7 @@ class _Value:
             number = float(value)
         except OverflowError:
             number = math.nan
-        fits = math.isfinite(number) or number == self.default
+        fits = math.isfinite(number) or number == self.default or self.any_float
         self._require(fits, value, "a finite number")
         return number
 
@@ -389,7 +404,7 @@ class _Value:
         key_kind, kind = kinds
         made = {}
         for key, item in value.items():
-            within = replace(self, key=f"{self.label}.{_bare(str(key))}", number=None)
+            within = replace(self, key=f"{self.label}.{bare_key(str(key))}", number=None)
             is_text = isinstance(key, str) and key_kind not in (str, Any)
             name = within._typed(key_kind, Text(key)) if is_text else within.read(key_kind, key)
             made[name] = within.read(kind, item)
@@ -416,9 +431,10 @@ class _Value:
             for each in metadata
             for rule in (each if isinstance(each, GroupedMetadata) else (each,))
         ]
+        within = replace(self, any_float=self.any_float or NOT_ONLY_FINITE in rules)
         words = next((rule.documentation for rule in rules if isinstance(rule, DocInfo)), None)
         try:
-            made = self.read(kind, value)
+            made = within.read(kind, value)
             broken = made is not None and not all(self._keeps(rule, made) for rule in rules)
             wanted = _noun(made)
         except _Mismatch as mismatch:
@@ -509,11 +525,6 @@ def _noun(value: Any) -> str:
 
 def _key(field: "Field[Any]") -> str:
     return str(field.metadata.get("key", field.name))
-
-
-def _bare(key: str) -> str:
-    """Return a key as TOML writes it."""
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key)
 
 
 def _one_line(reason: object) -> str:

@@ -1,35 +1,23 @@
-"""What a mapping says of one field or of a time: read from TOML and held against the schema."""
+"""What a mapping says of one field or of a time, held against the schema."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone
-from types import MappingProxyType
-from typing import Any
 
 from spoofbench.schema import KINDS, Field, Kind
-from spoofbench_converters.table.toml import Node
+from spoofbench_converters.table.settings import (
+    ECEF,
+    VECTORS,
+    AccelSettings,
+    Constant,
+    FieldSettings,
+    TimeSettings,
+    TopicSettings,
+    VectorSettings,
+    cells_as_text,
+)
 from spoofbench_converters.table.units import Unit, read_unit, unit_for
 
-Constant = float | int | bool | str
-
-VECTORS: Mapping[str, tuple[str, str, str]] = MappingProxyType(
-    {
-        "accel": ("accel_x_mps2", "accel_y_mps2", "accel_z_mps2"),
-        "gyro": ("gyro_x_radps", "gyro_y_radps", "gyro_z_radps"),
-        "linear_accel": ("linear_accel_x_mps2", "linear_accel_y_mps2", "linear_accel_z_mps2"),
-        "field": ("field_x_ut", "field_y_ut", "field_z_ut"),
-        "vel": ("vel_n_mps", "vel_e_mps", "vel_d_mps"),
-        "rate": ("rate_x_radps", "rate_y_radps", "rate_z_radps"),
-    }
-)
-"""Three fields that a mapping may give at once, in this order."""
-
-ECEF = {"ecef_position": "position", "ecef_velocity": "velocity"}
-"""Three columns of the Earth-centred frame each, which become geodetic coordinates and NED
-velocity.
-"""
-
-_FIELD_SETTINGS = ("column", "unit", "offset", "missing", "values", "optional", "value")
 _DAY_NS = 86_400_000_000_000
 _EPOCHS = {
     "unix": 0,
@@ -113,80 +101,54 @@ class TimeSpec:
         )
 
 
-def read_time(node: Node) -> TimeSpec:
-    """Return what a mapping says of a time.
+def time_spec(settings: TimeSettings) -> TimeSpec:
+    """Return how cells tell time, as a mapping says.
 
     Raises:
-        ConversionError: it does not fit together.
+        ValueError, ConversionError: it does not fit together.
     """
-    node.only(
-        "column",
-        "unit",
-        "format",
-        "date",
-        "week",
-        "date_format",
-        "since",
-        "scale",
-        "zone",
-        "leap_seconds",
-        "wraps",
-    )
-    if ("unit" in node) == ("format" in node):
-        raise node.error(
-            "needs a 'unit' if the column holds numbers, or else a 'format': 'iso' or a pattern "
-            "such as '%d%m%y %H%M%S'"
-        )
-    unit = read_unit(node.text("unit")) if "unit" in node else None
+    unit = read_unit(settings.unit) if settings.unit is not None else None
     if unit is not None and unit.dimension != "time":
-        raise node.error(f"has the unit {unit.name!r}, which is no unit of time")
-    date, week = node.text("date", "") or None, node.text("week", "") or None
-    since_ns, of_day = _since(node, unit is not None, date, week)
-    of_day = of_day or (unit is None and date is None and _is_of_day(node.text("format")))
+        raise ValueError(f"unit = {unit.name!r} is no unit of time")
+    date, week, pattern = settings.date or None, settings.week or None, settings.format or ""
+    since_ns, of_day = _since(settings, date, week) if unit is not None else (None, False)
+    is_gps = week is not None or settings.since == "gps"
     return TimeSpec(
-        column=node.text("column"),
+        column=settings.column,
         unit=unit,
-        format=node.text("format", ""),
+        format=pattern,
         date=date,
-        date_format=node.text("date_format", "iso"),
+        date_format=settings.date_format,
         week=week,
         since_ns=since_ns,
-        of_day=of_day,
-        scale=node.one_of(
-            "scale", ("utc", "gps"), "gps" if week or node.raw("since") == "gps" else "utc"
-        ),
-        zone=_zone(node),
-        leap_seconds=node.count("leap_seconds") if "leap_seconds" in node else None,
-        wraps=node.count("wraps"),
+        of_day=of_day or (unit is None and date is None and _is_of_day(pattern)),
+        scale=settings.scale or ("gps" if is_gps else "utc"),
+        zone=_zone(settings.zone),
+        leap_seconds=settings.leap_seconds,
+        wraps=settings.wraps,
     )
 
 
-def _since(
-    node: Node, is_number: bool, date: str | None, week: str | None
-) -> tuple[int | None, bool]:
+def _since(settings: TimeSettings, date: str | None, week: str | None) -> tuple[int | None, bool]:
     """Return where a number counts from, and whether from midnight."""
-    given = node.text(
-        "since", "" if not is_number else "day" if date else "week" if week else "unix"
-    )
-    if not is_number:
-        if given or week:
-            raise node.error("is a text, so it can have neither 'since' nor 'week'")
-        return None, False
-    if (given == "week") != (week is not None) or (date is not None and given != "day"):
-        raise node.error(
-            "must count since 'week' if it has a column 'week', and since 'day' if it has a "
+    since = settings.since
+    if since is None:
+        since = "day" if date else "week" if week else "unix"
+    if (since == "week") != (week is not None) or (date is not None and since != "day"):
+        raise ValueError(
+            "a time must count since 'week' if it has a column 'week', and since 'day' if it has a "
             "column 'date'"
         )
-    if given in ("start", "day", "week"):
-        return None, given == "day"
-    if given in _EPOCHS:
-        return _EPOCHS[given], False
+    if since in ("start", "day", "week"):
+        return None, since == "day"
+    if since in _EPOCHS:
+        return _EPOCHS[since], False
     try:
-        return moment_ns(given), False
+        return moment_ns(since), False
     except ValueError:
-        raise node.error(
-            f"has since {given!r}, which must be unix, gps, matlab, week, day, start or a date "
-            "such as 2000-01-01"
+        raise ValueError(
+            f"since = {since!r} must be unix, gps, matlab, week, day, start or a date such as "
+            "2000-01-01"
         ) from None
 
 
@@ -208,149 +170,104 @@ def moment_ns(text: str) -> int:
     return (aware - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1000
 
 
-def _zone(node: Node) -> timezone:
-    text = node.text("zone", "+00:00")
+def _zone(text: str) -> timezone:
     try:
         offset = datetime.strptime(text, "%z").utcoffset()
     except ValueError:
         offset = None
     if offset is None or abs(offset) > timedelta(hours=15):
-        raise node.error(
-            f"has the zone {text!r}, which must be written like +02:00; of zones with summer time "
-            "give the offset of that day"
+        raise ValueError(
+            f"zone = {text!r} must be written like +02:00; of zones with summer time give the "
+            "offset of that day"
         )
     return timezone(offset)
 
 
-def read_fields(
-    node: Node, kind_name: str, settings: Sequence[str]
-) -> tuple[tuple[FieldSpec, ...], TimeSpec | None, TimeSpec | None]:
-    """Return what a topic's mapping says of its fields, of the time that a receiver claims, and of
-    the time of receipt.
+def field_specs(
+    settings: TopicSettings, keys: Sequence[str], kind_name: str
+) -> tuple[FieldSpec, ...]:
+    """Return what a topic's mapping says of its fields, in the order of its keys.
 
     Raises:
-        ConversionError: there is no such field, or what is said does not fit it.
+        ValueError, ConversionError: what is said does not fit the field.
     """
     kind = KINDS[kind_name]
-    vectors = [name for name, fields in VECTORS.items() if set(fields) <= set(kind.fields)]
-    triples = list(ECEF) if {"lat_deg", "vel_n_mps"} <= set(kind.fields) else []
-    times = [
-        name
-        for name in ("claims", "receive_time_ns")
-        if name == "receive_time_ns" or {"gps_week", "tow_s"} <= set(kind.fields)
-    ]
-    node.only(*settings, *kind.fields, *vectors, *triples, *times)
     specs: list[FieldSpec] = []
-    for key in node:
-        if key in vectors:
-            specs += _vector(node, key, VECTORS[key], kind)
-        elif key in triples:
-            specs += _ecef(node, key)
-        elif key not in settings and key not in times:
-            specs.append(_field(node, key, kind))
+    for key in keys:
+        given = getattr(settings, key)
+        if key in VECTORS and key not in kind.fields:
+            specs += _vector(key, given, kind)
+        elif key in ECEF:
+            unit = unit_for("x_m" if key == "ecef_position" else "x_mps", None)
+            specs += (FieldSpec(f"{key}[{i}]", column, unit) for i, column in enumerate(given))
+        elif key in kind.fields and not isinstance(given, TimeSettings):
+            specs.append(_field(key, given, kind))
     names = [spec.name for spec in specs]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice:
-        raise node.error(f"says what {twice!r} is twice")
+    duplicated = next((name for name in names if names.count(name) > 1), None)
+    if duplicated:
+        raise ValueError(f"the field {duplicated!r} is duplicated")
     if not any(spec.column for spec in specs):
-        raise node.error("has no field that comes from a column")
-    claims, received = (
-        read_time(node.child_of(name)) if name in node and name in times else None
-        for name in ("claims", "receive_time_ns")
-    )
-    if claims and set(names) & {"gps_week", "tow_s"}:
-        raise node.error("has 'claims', which gives 'gps_week' and 'tow_s': leave those out")
-    return tuple(specs), claims, received
+        raise ValueError("the topic has no field that comes from a column")
+    if getattr(settings, "claims", None) and set(names) & {"gps_week", "tow_s"}:
+        raise ValueError("'claims' gives 'gps_week' and 'tow_s': leave those out")
+    return tuple(specs)
 
 
-def _vector(node: Node, key: str, fields: Sequence[str], kind: Kind) -> Iterator[FieldSpec]:
-    given = node.raw(key)
-    inner = (
-        Node({"columns": given}, f"{node.where}, {key!r}")
-        if isinstance(given, list)
-        else node.child_of(key)
-    )
-    inner.only("columns", "unit", "missing", "optional", *(["at_rest"] if key == "accel" else []))
-    columns = inner.texts("columns")
-    if len(columns) != 3:
-        raise inner.error(
-            f"has {len(columns)} columns, which must be three: those of {', '.join(fields)}"
+def _vector(
+    key: str, given: tuple[str, str, str] | VectorSettings, kind: Kind
+) -> Iterator[FieldSpec]:
+    vector = VectorSettings(given) if isinstance(given, tuple) else given
+    down = isinstance(vector, AccelSettings) and vector.at_rest == "down"
+    for name, column in zip(VECTORS[key], vector.columns, strict=True):
+        settings = FieldSettings(
+            column, vector.unit, missing=vector.missing, optional=vector.optional
         )
-    down = inner.one_of("at_rest", ("up", "down"), "up") == "down"
-    for field, column in zip(fields, columns, strict=True):
-        settings = {
-            name: inner.raw(name) for name in ("unit", "missing", "optional") if name in inner
-        }
-        spec = _field(Node({field: {"column": column, **settings}}, inner.where), field, kind)
-        yield replace(spec, negate=down)
+        yield replace(_field(name, settings, kind), negate=down)
 
 
-def _ecef(node: Node, key: str) -> Iterator[FieldSpec]:
-    columns = node.texts(key)
-    if len(columns) != 3:
-        raise node.error(f"has {len(columns)} columns for {key!r}, which must be three: x, y and z")
-    unit = unit_for("x_m" if key == "ecef_position" else "x_mps", None)
-    yield from (FieldSpec(f"{key}[{place}]", column, unit) for place, column in enumerate(columns))
-
-
-def _field(node: Node, name: str, kind: Kind) -> FieldSpec:
-    field, given = kind.fields[name], node.raw(name)
+def _field(name: str, given: str | FieldSettings, kind: Kind) -> FieldSpec:
+    field = kind.fields[name]
     if field.category == "bytes":
-        raise node.error(f"cannot fill {name!r}: a table has no bytes")
-    if isinstance(given, str):
-        return FieldSpec(name, given, unit_for(name, None))
-    inner = node.child_of(name)
-    inner.only(*_FIELD_SETTINGS)
-    if ("column" in inner) == ("value" in inner):
-        raise inner.error("needs either a 'column' or a constant 'value'")
-    if "value" in inner:
-        inner.only("value")
-        return FieldSpec(
-            name,
-            None,
-            unit_for(name, None),
-            constant=_constant(inner, field, kind, inner.raw("value")),
-        )
-    if field.category != "float" and (
-        "offset" in inner or ("unit" in inner and field.category != "integer")
-    ):
-        raise inner.error("is no measured quantity, so it has neither 'unit' nor 'offset'")
-    values = inner.child("values")
+        raise ValueError(f"{name!r} cannot be filled: a table has no bytes")
+    settings = FieldSettings(given) if isinstance(given, str) else given
+    if settings.value is not None:
+        constant = _constant(field, kind, settings.value)
+        return FieldSpec(name, None, unit_for(name, None), constant=constant)
+    has_unit = settings.unit is not None and field.category != "integer"
+    if field.category != "float" and (settings.offset or has_unit):
+        raise ValueError(f"{name!r} is no measured quantity, so it has neither 'unit' nor 'offset'")
+    values = settings.values
     return FieldSpec(
         name,
-        inner.text("column"),
-        unit_for(name, inner.text("unit") if "unit" in inner else None),
-        offset=inner.number("offset", 0.0),
-        missing=inner.words("missing"),
-        values={key: _constant(values, field, kind, values.raw(key)) for key in values}
-        if values
-        else None,
-        optional=inner.flag("optional", False),
+        settings.column,
+        unit_for(name, settings.unit),
+        offset=settings.offset,
+        missing=cells_as_text(settings.missing),
+        values=values and {key: _constant(field, kind, value) for key, value in values.items()},
+        optional=settings.optional,
     )
 
 
-def _constant(node: Node, field: Field, kind: Kind, given: Any) -> Constant:
+def _constant(field: Field, kind: Kind, value: Constant) -> Constant:
     """Return a constant of a field: of an enum its number, by name with or without the enum's own
     prefix.
     """
-    if field.category == "enum" and isinstance(given, str):
+    if field.category == "enum" and isinstance(value, str):
         numbers = enum_numbers(kind, field)
-        if given not in numbers:
-            raise node.error(
-                f"has {given!r}, which is none of "
-                f"{sorted(name for name in numbers if not name.startswith(_prefix(kind, field)))}"
-            )
-        return numbers[given]
+        if value not in numbers:
+            prefix = _prefix(kind, field)
+            names = sorted(name for name in numbers if not name.startswith(prefix))
+            raise ValueError(f"{field.name!r} has {value!r}, which is none of {names}")
+        return numbers[value]
     fits = {"float": int | float, "integer": int, "boolean": bool, "text": str}.get(field.category)
     if (
         fits is None
-        or not isinstance(given, fits)
-        or (isinstance(given, bool) and field.category != "boolean")
+        or not isinstance(value, fits)
+        or (isinstance(value, bool) and field.category != "boolean")
+        or (isinstance(value, float) and not abs(value) < 2**63)
     ):
-        raise node.error(f"has {given!r}, which does not fit {field.name!r}")
-    if isinstance(given, int | float) and not isinstance(given, bool) and not abs(given) < 2**63:
-        raise node.error(f"has {given!r}, which does not fit {field.name!r}")
-    return float(given) if field.category == "float" else given
+        raise ValueError(f"{value!r} does not fit {field.name!r}")
+    return float(value) if field.category == "float" else value
 
 
 def _prefix(kind: Kind, field: Field) -> str:

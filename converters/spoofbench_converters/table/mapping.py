@@ -32,40 +32,30 @@ of a ROS message are
 the paths of its fields (``imu.linear_acceleration.x``), and those of an array ``value[0]``.
 """
 
-import tomllib
+from collections import abc
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
+from spoofbench import config
 from spoofbench.errors import ConversionError, RecordingError
 from spoofbench.recording import Metadata
 from spoofbench.schema import split_topic
-from spoofbench_converters.table.fields import FieldSpec, TimeSpec, read_fields, read_time
-from spoofbench_converters.table.toml import Node
+from spoofbench_converters.table.fields import FieldSpec, TimeSpec, field_specs, time_spec
+from spoofbench_converters.table.settings import (
+    AnchorSettings,
+    Cells,
+    Format,
+    MappingSettings,
+    TableSettings,
+    TimeSettings,
+    TopicSettings,
+    as_tuple,
+    cells_as_text,
+    topic_settings,
+)
 
 MAX_MAPPING_BYTES = 2**20
 READY = Path(__file__).parent / "mappings"
-
-Format = Literal["csv", "parquet", "mat", "npy"]
-_CLOCKS = ("sensor", "recorder", "gnss")
-_FORMATS = ("csv", "parquet", "mat", "npy")
-_TOPIC_SETTINGS = ("where", "unless", "changes")
-_TABLE_SETTINGS = (
-    "files",
-    "messages",
-    "format",
-    "delimiter",
-    "header",
-    "columns",
-    "signature",
-    "comment",
-    "skip_lines",
-    "decimal_comma",
-    "encoding",
-    "variable",
-    "index",
-    "time",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,131 +223,112 @@ def read_mapping(octets: bytes, name: str, folder: Path | None = None) -> Mappin
     Raises:
         ConversionError: as :func:`load_mapping`.
     """
-    try:
-        content = tomllib.loads(octets.decode())
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConversionError(f"the mapping {name!r} is not TOML: {error}") from error
-    root = Node(content, f"the mapping {name!r}")
-    root.only("about", "clock", "recognise", "source", "table", "anchor")
-    tables = tuple(_table(node, key) for key, node in root.children("table"))
+    where = f"the mapping {name!r}"
+    content = config.read_toml(octets, where, ConversionError)
+    settings = config.read(MappingSettings, content, where, error=ConversionError)
+    tables = tuple(_table(where, *item) for item in settings.table.items())
     if not tables:
-        raise root.error("has no [table.<name>]")
+        raise ConversionError(f"{where} has no [table.<name>]")
     topics = [topic.topic for table in tables for topic in table.topics]
-    twice = next((topic for topic in topics if topics.count(topic) > 1), None)
-    if twice:
-        raise root.error(
-            f"has the topic {twice!r} twice: join the tables first, or give each a source of its "
-            "own"
+    duplicated = next((topic for topic in topics if topics.count(topic) > 1), None)
+    if duplicated:
+        raise ConversionError(
+            f"{where} has the topic {duplicated!r} twice: join the tables first, or give each a "
+            "source of its own"
         )
-    sources = {
-        f"source/{key}": {k: node.text(k) for k in node} for key, node in root.children("source")
-    }
-    clock = root.one_of("clock", _CLOCKS)
     return Mapping(
         name,
-        root.text("about", ""),
-        clock,
-        root.flag("recognise", False),
-        sources,
+        settings.about,
+        settings.clock,
+        settings.recognise,
+        {f"source/{source}": dict(record) for source, record in settings.source.items()},
         tables,
-        _anchor(root, [t.name for t in tables]),
+        _anchor(where, settings.anchor, [table.name for table in tables]),
         folder,
     )
 
 
-def _anchor(root: Node, tables: list[str]) -> Anchor | None:
-    node = root.child("anchor")
-    if node is None:
+def _anchor(where: str, settings: AnchorSettings | None, tables: list[str]) -> Anchor | None:
+    if settings is None:
         return None
-    node.only("table", "time", "rtklib_tags")
-    table, time, tags = (
-        node.one_of("table", tables),
-        node.child("time"),
-        node.text("rtklib_tags", ""),
-    )
-    if (time is None) == (not tags):
-        raise node.error("needs one of 'time' and 'rtklib_tags'")
-    return Anchor(table, read_time(time) if time else None, tags or None)
+    where = f"{where}, [anchor]"
+    if settings.table not in tables:
+        hint = config.did_you_mean(settings.table, tables)
+        raise ConversionError(f"{where}: table = {settings.table!r} is no table{hint}")
+    return Anchor(settings.table, _time(where, settings.time), settings.rtklib_tags or None)
 
 
-def _table(node: Node, name: str) -> TableSpec:
-    topics = [key for key in node if key.startswith("/")]
-    node.only(*_TABLE_SETTINGS, *topics)
+def _table(where: str, name: str, content: abc.Mapping[str, object]) -> TableSpec:
+    section = f"table.{config.bare_key(name)}"
+    topics = {key: value for key, value in content.items() if key.startswith("/")}
+    own = {key: value for key, value in content.items() if key not in topics}
+    settings = config.read(TableSettings, own, where, section=section, error=ConversionError)
     if not topics:
-        raise node.error('has no topic, such as [table.<name>."/imu0/imu"]')
-    files = node.texts("files")
-    if any(pattern.startswith("/") or ".." in pattern.split("/") for pattern in files):
-        raise node.error(
-            f"has files {list(files)!r}, which must lie within the mapping's own folder"
-        )
-    time, messages = node.child("time"), node.texts("messages")
-    if time is None and not messages:
-        raise node.error(
-            "has no time: say at least which column it is, as in time = { column = 't', unit = "
-            "'s' }"
-        )
-    layout, columns = _layout(node), node.texts("columns")
-    if not layout.header and not columns and layout.format in (None, "csv"):
-        raise node.error("has no header, so it needs 'columns': a name for each, from the left")
-    if len(set(columns)) < len(columns):
-        raise node.error("names a column twice in 'columns'")
+        raise ConversionError(f'{where}, [{section}] has no topic, such as [{section}."/imu0/imu"]')
     return TableSpec(
         name,
-        files,
-        messages,
-        layout,
-        columns,
-        node.text("signature", ""),
-        read_time(time) if time else None,
-        tuple(_topic(node.child_of(topic), topic) for topic in topics),
+        as_tuple(settings.files),
+        as_tuple(settings.messages),
+        Layout(
+            settings.format,
+            settings.delimiter,
+            settings.header,
+            settings.comment or None,
+            settings.skip_lines,
+            settings.decimal_comma,
+            settings.encoding,
+            settings.variable or None,
+            settings.index or None,
+        ),
+        as_tuple(settings.columns),
+        settings.signature,
+        _time(f"{where}, [{section}.time]", settings.time),
+        tuple(_topic(where, section, *item) for item in topics.items()),
     )
 
 
-def _layout(node: Node) -> Layout:
-    formats: tuple[Format | None, ...] = ("csv", "parquet", "mat", "npy")
-    delimiter = node.text("delimiter", ",")
-    if delimiter != "whitespace" and (
-        len(delimiter) != 1 or delimiter in '"\r\n' or not delimiter.isascii()
-    ):
-        raise node.error(
-            f"has the delimiter {delimiter!r}, which must be one ASCII character or 'whitespace'"
-        )
-    chosen = node.one_of("format", _FORMATS, "")
-    return Layout(
-        next((each for each in formats if each == chosen), None),
-        delimiter,
-        node.flag("header", True),
-        node.text("comment", "") or None,
-        node.count("skip_lines"),
-        node.flag("decimal_comma", False),
-        node.one_of("encoding", ("utf-8", "latin-1"), "utf-8"),
-        node.text("variable", "") or None,
-        node.text("index", "") or None,
-    )
+def _time(where: str, settings: TimeSettings | None) -> TimeSpec | None:
+    if settings is None:
+        return None
+    try:
+        return time_spec(settings)
+    except (ValueError, ConversionError) as error:
+        raise ConversionError(f"{where}: {error}") from error
 
 
-def _topic(node: Node, topic: str) -> TopicSpec:
+def _topic(where: str, table: str, topic: str, content: object) -> TopicSpec:
+    section = f"{table}.{config.bare_key(topic)}"
+    here = f"{where}, [{section}]"
     try:
         _, kind = split_topic(topic)
     except RecordingError as error:
-        raise node.error(f"is none: {error}") from error
+        raise ConversionError(f"{here}: {error}") from error
     if kind == "truth/attack":
-        raise node.error("cannot be converted: attacks are made, or labelled, not logged")
-    fields, claims, receive_time = read_fields(node, kind, _TOPIC_SETTINGS)
+        raise ConversionError(
+            f"{here} cannot be converted: attacks are made, or labelled, not logged"
+        )
+    if not isinstance(content, dict):
+        raise ConversionError(f"{here}: {content!r} must be a table of the topic's fields")
+    settings: TopicSettings = config.read(
+        topic_settings(kind), content, where, section=section, error=ConversionError
+    )
+    try:
+        fields = field_specs(settings, list(content), kind)
+    except (ValueError, ConversionError) as error:
+        raise ConversionError(f"{here}: {error}") from error
+    times = (getattr(settings, key, None) for key in ("claims", "receive_time_ns"))
+    claims, receive_time = (_time(here, time) for time in times)
     return TopicSpec(
         topic,
         kind,
-        _conditions(node, "where"),
-        _conditions(node, "unless"),
-        node.texts("changes"),
+        _conditions(settings.where),
+        _conditions(settings.unless),
+        as_tuple(settings.changes),
         fields,
         claims,
         receive_time,
     )
 
 
-def _conditions(node: Node, key: str) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    conditions = node.child(key)
-    return (
-        () if conditions is None else tuple((name, conditions.words(name)) for name in conditions)
-    )
+def _conditions(cells: abc.Mapping[str, Cells]) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    return tuple((column, cells_as_text(each)) for column, each in cells.items())

@@ -13,8 +13,9 @@ from spoofbench.table import Column
 from spoofbench_converters.table import cells
 from spoofbench_converters.table.cells import Bools
 from spoofbench_converters.table.earth import geodetic
-from spoofbench_converters.table.fields import ECEF, Constant, FieldSpec, enum_numbers
+from spoofbench_converters.table.fields import FieldSpec, enum_numbers
 from spoofbench_converters.table.mapping import TopicSpec
+from spoofbench_converters.table.settings import ECEF, Constant
 from spoofbench_converters.table.times import TimeReader
 
 _FLAGS = {"true": 1, "false": 0, "t": 1, "f": 0, "yes": 1, "no": 0, "1": 1, "0": 0}

@@ -63,14 +63,22 @@ def test_a_mapping_says_what_columns_are() -> None:
         ('unit = "ms"', 'unit = "hPa"', "no unit of time"),
         ('unit = "ms"', "", "needs a 'unit'"),
         ('"RTK_FIXED"', '"RTK_FIX"', "none of"),
-        ('"ax", "ay", "-az"', '"ax", "ay"', "has 2 columns"),
-        ('at_rest = "down"', 'at_rest = "sideways"', "at_rest 'sideways'"),
+        ('"ax", "ay", "-az"', '"ax", "ay"', "must be a list of three columns"),
+        (
+            'at_rest = "down"',
+            'at_rest = "sideways"',
+            "at_rest = 'sideways' must be one of 'up', 'down'",
+        ),
         ("value = true", "value = 3", "does not fit 'time_valid'"),
         ("/imu0/imu", "/imu0/imus", "is not a topic"),
         ("/imu0/imu", "/gnss0/gnss/pvt/", "is not a topic"),
         ("/imu0/imu", "/truth/attack", "attacks are made"),
         ("gyro_z_radps", "accel_z_mps2", "of acceleration"),
-        ('[table.log.time]\ncolumn = "t"', "[table.log.time]\ncolumn = 5", "must be text"),
+        (
+            '[table.log.time]\ncolumn = "t"',
+            "[table.log.time]\ncolumn = 5",
+            "column = 5 must be a string",
+        ),
         ("[table.log]", '[table.log]\nheader = false\nformat = "csv"', "needs 'columns'"),
         ("[table.log]", '[table.log]\nfiles = "../*.csv"', "within the mapping's own folder"),
         ("[table.log]", '[table.log]\ndelimiter = "ab"', "one ASCII character"),
@@ -86,8 +94,15 @@ def test_what_is_wrong_is_said(old: str, new: str, words: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_one_text_may_stand_for_a_list_and_any_number_for_a_cell() -> None:
+    text = GOOD.replace('changes = ["lat"]', 'changes = "lat"\nwhere = { q = [1, nan, true] }')
+    topic = read_mapping(text.encode(), "good").tables[0].topics[1]
+    assert topic.changes == ("lat",)
+    assert topic.where == (("q", ("1", "nan", "true")),)
+
+
 def test_a_field_cannot_be_said_twice() -> None:
-    with pytest.raises(ConversionError, match="'accel_x_mps2' is twice"):
+    with pytest.raises(ConversionError, match="'accel_x_mps2' is duplicated"):
         read_mapping(
             GOOD.replace("gyro_z_radps = ", 'accel_x_mps2 = "ay"\ngyro_z_radps = ').encode(), "bad"
         )
@@ -126,6 +141,8 @@ def test_any_change_is_read_or_refused(data: st.DataObject) -> None:
         "{ value = [] }",
         "1979-05-27",
         "inf",
+        "nan",
+        "[[1], { a = { b = 1 } }]",
         "{ columns = 3 }",
     ]
     for _ in range(data.draw(st.integers(1, 3))):
