@@ -63,13 +63,14 @@ def class_names(root: Path) -> dict[str, list[str]]:
 
 def shapeless(root: Path) -> list[str]:
     """Return the public functions that take or give arrays and whose docstring, or that of their
-    class, names no shape.
+    class or module, names no shape.
     """
     found = []
     for path in sources(root, ("src", "converters", "plugins")):
         if "tests" in path.relative_to(root).parts:
             continue
         tree = ast.parse(path.read_text())
+        heading = ast.get_docstring(tree) or ""
         for owner in (tree, *(n for n in ast.walk(tree) if isinstance(n, ast.ClassDef))):
             if isinstance(owner, ast.ClassDef) and owner.name.startswith("_"):
                 continue
@@ -79,7 +80,7 @@ def shapeless(root: Path) -> list[str]:
                     continue
                 notes = [a.annotation for a in (*node.args.args, *node.args.kwonlyargs)]
                 hints = " ".join(ast.unparse(n) for n in (*notes, node.returns) if n is not None)
-                text = (ast.get_docstring(node) or "") + about
+                text = (ast.get_docstring(node) or "") + about + heading
                 if _ARRAY.search(hints) and not _SHAPE.search(text):
                     found.append(f"{path.relative_to(root)}:{node.lineno} {node.name}")
     return found
