@@ -31,6 +31,7 @@ ORDER = [
     "report",
     "reproducing",
     "assessing",
+    "api",
     "doctor",
     "export",
     "info",

@@ -71,7 +71,9 @@ def shapeless(root: Path) -> list[str]:
             continue
         tree = ast.parse(path.read_text())
         heading = ast.get_docstring(tree) or ""
-        for owner in (tree, *(n for n in ast.walk(tree) if isinstance(n, ast.ClassDef))):
+        owners: list[ast.Module | ast.ClassDef] = [tree]
+        owners += [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+        for owner in owners:
             if isinstance(owner, ast.ClassDef) and owner.name.startswith("_"):
                 continue
             about = (ast.get_docstring(owner) or "") if isinstance(owner, ast.ClassDef) else ""

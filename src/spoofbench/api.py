@@ -105,7 +105,7 @@ def _series_values(table: Table, name: str) -> Any:
 
     column = table.column(name)
     if column.words is not None:
-        return pd.Categorical.from_codes(column.values, list(column.words))
+        return pd.Categorical.from_codes(column.values, pd.Index(column.words))
     if column.valid is None:
         return column.values
     values = column.values.copy()

@@ -112,6 +112,35 @@ def draw_window(
     return Interval(start_ns, start_ns + duration_ns)
 
 
+def choose_window(
+    attack: Attack,
+    clean: Recording,
+    donors: Sequence[Recording],
+    start_s: float | None,
+    duration_s: float,
+    seed: int,
+) -> Interval:
+    """Return the window that begins ``start_s`` after the recording's first row; where that is
+    None, one drawn by the seed of where the attack can be made.
+
+    Raises:
+        NotApplicable: it does not fit.
+    """
+    if start_s is None:
+        span = attackable_span(attack, clean, donors)
+        return draw_window(seed, clean.digest(), seed, span, duration_s)
+    span = clean.span
+    start_ns, end_ns = (
+        span.start_ns + round(seconds * 1e9) for seconds in (start_s, start_s + duration_s)
+    )
+    if not span.start_ns <= start_ns < end_ns <= span.end_ns:
+        raise NotApplicable(
+            f"an attack from {start_s!r} s for {duration_s!r} s does not lie within the "
+            f"recording's {span.duration_s:.1f} s"
+        )
+    return Interval(start_ns, end_ns)
+
+
 def make_variant(
     name: str,
     attack: Attack,
@@ -304,12 +333,7 @@ def attack_file(
     """
     attack = plugins.make(plugins.ATTACKS, name, parameters)
     clean, given = read(file), [read(donor) for donor in donors]
-    if start_s is None:
-        window = draw_window(
-            seed, clean.digest(), seed, attackable_span(attack, clean, given), duration_s
-        )
-    else:
-        window = _window(clean, start_s, duration_s)
+    window = choose_window(attack, clean, given, start_s, duration_s, seed)
     variant = make_variant(name, attack, clean, window, seed, given)
     write(variant, out)
     first_ns = clean.span.start_ns
@@ -321,19 +345,6 @@ def attack_file(
         }
         for row in _truth_rows(variant)
     ]
-
-
-def _window(clean: Recording, start_s: float, duration_s: float) -> Interval:
-    span = clean.span
-    start_ns, end_ns = (
-        span.start_ns + round(seconds * 1e9) for seconds in (start_s, start_s + duration_s)
-    )
-    if not span.start_ns <= start_ns < end_ns <= span.end_ns:
-        raise NotApplicable(
-            f"an attack from {start_s!r} s for {duration_s!r} s does not lie within the "
-            f"recording's {span.duration_s:.1f} s"
-        )
-    return Interval(start_ns, end_ns)
 
 
 def _truth_rows(variant: Recording) -> list[dict[str, Any]]:

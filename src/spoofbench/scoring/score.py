@@ -126,10 +126,12 @@ def score_folder(folder: Path) -> None:
             decisions = _decisions(folder, task)
             score = score_on_grid(decisions, truth, task.hold_s)
             if task.attack is None:
-                clean_scores[task.recording, task.detector] = score[_clean(truth, task)]
-            events[index] = _events(task, truth, decisions, score > 1)
-            rows[index] |= _alerts(task, truth, decisions, score) | _detection(
-                truth, score, events[index]
+                clean = _clean(truth, task.memory_s)
+                clean_scores[task.recording, task.detector] = score[clean]
+            found = _events(truth, decisions, score > 1)
+            events[index] = [_identity(task) | event for event in found]
+            rows[index] |= _scores(
+                truth, decisions, score, found, task.memory_s, unattacked=task.attack is None
             )
             rows[index]["partial_auc"] = _partial_auc(
                 clean_scores.get((task.recording, task.detector)), score[truth.spoofed]
@@ -139,6 +141,38 @@ def score_folder(folder: Path) -> None:
         folder / "events.parquet",
         pa.Table.from_pylist([event for some in events for event in some], EVENT_SCHEMA),
     )
+
+
+def score_decisions(
+    decisions: Decisions, truth: Truth, *, memory_s: float, hold_s: float | None = None
+) -> dict[str, Any]:
+    """Return what ``scores.parquet`` says of one task's decisions; unknown is None.
+
+    Where the truth has no attack, the false alerts are given, else what was detected.
+
+    Args:
+        decisions: of one detector on one recording.
+        truth: of that recording.
+        memory_s: how long an alert of the detector may outlast its cause.
+        hold_s: how long a decision stands; None is one epoch.
+    """
+    score = score_on_grid(decisions, truth, hold_s)
+    events = _events(truth, decisions, score > 1)
+    return _scores(truth, decisions, score, events, memory_s, unattacked=not truth.intervals)
+
+
+def _scores(
+    truth: Truth,
+    decisions: Decisions,
+    score: Floats,
+    events: list[_Cells],
+    memory_s: float,
+    *,
+    unattacked: bool,
+) -> _Cells:
+    """Return availability, alerts and detections and, where there is no attack, false alerts."""
+    cells = _alerts(score) | _detection(truth, score, events)
+    return cells | _false_alerts(truth, decisions, score, memory_s) if unattacked else cells
 
 
 def _can_be_scored(folder: Path, task: Task) -> bool:
@@ -163,27 +197,28 @@ def _decisions(folder: Path, task: Task) -> Decisions:
     return outcome.decisions
 
 
-def _clean(truth: Truth, task: Task) -> Bools:
+def _clean(truth: Truth, memory_s: float) -> Bools:
     """Epochs neither spoofed nor within the release guard, ``(n,)``."""
-    guard = release_guard(truth.time_ns, truth.intervals, task.memory_s)
+    guard = release_guard(truth.time_ns, truth.intervals, memory_s)
     return ~(within(truth.time_ns, truth.intervals) | guard)
 
 
-def _alerts(task: Task, truth: Truth, decisions: Decisions, score: Floats) -> _Cells:
-    """Alerts over all epochs and, of an unattacked task, false alerts over the clean ones."""
-    available, alert, every = ~np.isnan(score), score > 1, np.ones(score.size, bool)
-    of_all: _Cells = {
+def _alerts(score: Floats) -> _Cells:
+    """Availability and alerts over all epochs."""
+    every = np.ones(score.size, bool)
+    return {
         "epochs": score.size,
-        "availability": share(available, every),
-        "alert_fraction": share(alert, every),
+        "availability": share(~np.isnan(score), every),
+        "alert_fraction": share(score > 1, every),
     }
-    if task.attack is not None:
-        return of_all
+
+
+def _false_alerts(truth: Truth, decisions: Decisions, score: Floats, memory_s: float) -> _Cells:
+    """False alerts over the available clean epochs."""
     raised = raised_since(truth.time_ns, decisions.time_ns, decisions.alert)
-    false = false_alerts(
-        truth.time_ns, alert, available & _clean(truth, task), truth.epoch_ns, raised
-    )
-    return of_all | {
+    counted = ~np.isnan(score) & _clean(truth, memory_s)
+    false = false_alerts(truth.time_ns, score > 1, counted, truth.epoch_ns, raised)
+    return {
         "far_per_hour": false.per_hour,
         "far_per_hour_lo": false.per_hour_lo,
         "far_per_hour_hi": false.per_hour_hi,
@@ -211,9 +246,10 @@ def _detection(truth: Truth, score: Floats, events: list[_Cells]) -> _Cells:
     }
 
 
-def _events(task: Task, truth: Truth, decisions: Decisions, alert: Bools) -> list[_Cells]:
+def _events(truth: Truth, decisions: Decisions, alert: Bools) -> list[_Cells]:
+    """Return what came of each attack interval."""
     found = find_events(decisions.time_ns, decisions.alert, decisions.available, truth.intervals)
-    return [_identity(task) | _event(truth, event, alert) for event in found]
+    return [_event(truth, event, alert) for event in found]
 
 
 def _event(truth: Truth, event: Event, alert: Bools) -> _Cells:
