@@ -77,14 +77,16 @@ class Assembly:
                         take(batch.frames, own), epoch[own], PreviousTimes(), ReceiverTraits()
                     ).starts
                 )
-                rows += self._receiver(number, _Own(batch, own, epoch, opens), times, lost, talkers)
+                rows += self._receiver(
+                    number, _ReceiverSentences(batch, own, epoch, opens), times, lost, talkers
+                )
                 self._note(f"gnss{number}", batch, own, talkers)
         rows += self._sensor_rows(batch, epoch, times, talkers, lost)
         gone = np.zeros(batch.size, bool)
         for reason, parts in sorted(lost.items()):
-            places = np.unique(np.concatenate(parts))
-            gone[places] = True
-            yield Rejects(batch.frames["offset"][places], batch.frames["used"][places], reason)
+            indices = np.unique(np.concatenate(parts))
+            gone[indices] = True
+            yield Rejects(batch.frames["offset"][indices], batch.frames["used"][indices], reason)
         used = np.bincount(epoch, np.where(gone, 0, batch.frames["used"]), opening.size).astype(
             np.int64
         )
@@ -113,24 +115,24 @@ class Assembly:
     def _receiver(
         self,
         number: int,
-        own: "_Own",
+        own: "_ReceiverSentences",
         times: _Times,
         lost: dict[str, list[Ints]],
         talkers: Sequence[str],
     ) -> Iterator[EpochRows]:
         """Yield the rows of one receiver; the first one gives the epochs their times."""
-        for reason, places in own.drop_repetitions(talkers.index("GN") if "GN" in talkers else -1):
-            lost.setdefault(reason, []).append(places)
+        for reason, indices in own.drop_repetitions(talkers.index("GN") if "GN" in talkers else -1):
+            lost.setdefault(reason, []).append(indices)
         solution = Solution(own.opening.size, own.tables)
         claimed_ns, period_ns = solution.claimed()
         at = own.at
         if number == 0:
             times.claimed_ns[at], times.period_ns[at] = claimed_ns, period_ns
         offset = times.offsets(at, claimed_ns, own.frames["receive_time_ns"][own.opening])
-        told = np.zeros(own.opening.size, bool)
+        reported = np.zeros(own.opening.size, bool)
         for name in _OF_SOLUTION:
-            told[own.tables[name]["epoch"] if name in own.tables else []] = True
-        known = np.flatnonzero(told)
+            reported[own.tables[name]["epoch"] if name in own.tables else []] = True
+        known = np.flatnonzero(reported)
         source = f"gnss{number}"
         if known.size:
             solved = EpochRows.of(source, "gnss/pvt", at, solution.rows(), offset_ns=offset)
@@ -183,9 +185,9 @@ class Assembly:
                 )
         for name in SENSORS:
             if name in batch.tables:
-                places = batch.tables[name]["frame"]
-                if not useful[places].all():
-                    lost[f"NMEA {name}: no value"] = [places[~useful[places]]]
+                indices = batch.tables[name]["frame"]
+                if not useful[indices].all():
+                    lost[f"NMEA {name}: no value"] = [indices[~useful[indices]]]
         return rows
 
     def _note(self, source: str, batch: SentenceBatch, own: Ints, talkers: Sequence[str]) -> None:
@@ -193,10 +195,10 @@ class Assembly:
         known = self._talkers.setdefault(source, [])
         talker = batch.frames["talker"][own]
         present = np.flatnonzero(np.bincount(talker)).tolist()
-        new = [place for place in present if talkers[place] not in known]
+        new = [index for index in present if talkers[index] not in known]
         known += [
-            talkers[place]
-            for place in sorted(new, key=lambda place: int(np.argmax(talker == place)))
+            talkers[index]
+            for index in sorted(new, key=lambda index: int(np.argmax(talker == index)))
         ]
         if "DTM" in batch.tables:
             datum = batch.tables["DTM"]
@@ -207,26 +209,26 @@ class Assembly:
                     names += [text] if text not in names and len(names) < _MAX_DATUMS else []
 
 
-class _Own:
+class _ReceiverSentences:
     """The sentences of one receiver: their places in the batch, their epochs, and tables with the
     ``epoch`` of each row.
     """
 
-    def __init__(self, batch: SentenceBatch, places: Ints, epoch: Ints, opens: Bools) -> None:
-        self.places = places
+    def __init__(self, batch: SentenceBatch, indices: Ints, epoch: Ints, opens: Bools) -> None:
+        self.indices = indices
         self._talker_of_frame = batch.frames["talker"]
-        self.frames = batch.frames if places.size == batch.size else take(batch.frames, places)
-        mine = np.zeros(batch.size, bool)
-        mine[places] = True
-        opens = opens | (np.arange(places.size) == 0)
+        self.frames = batch.frames if indices.size == batch.size else take(batch.frames, indices)
+        selected = np.zeros(batch.size, bool)
+        selected[indices] = True
+        opens = opens | (np.arange(indices.size) == 0)
         self.local = np.cumsum(opens) - 1
         self.opening = np.flatnonzero(opens)
-        self.at = epoch[places[self.opening]]
+        self.at = epoch[indices[self.opening]]
         of_frame = np.zeros(batch.size, np.int64)
-        of_frame[places] = self.local
+        of_frame[indices] = self.local
         self.tables: dict[str, Columns] = {}
         for name, table in batch.tables.items():
-            rows = mine[table["frame"]]
+            rows = selected[table["frame"]]
             if rows.any():
                 kept = table if rows.all() else take(table, rows)
                 self.tables[name] = {**kept, "epoch": of_frame[kept["frame"]]}
@@ -308,8 +310,8 @@ class SentenceSensors:
             table = batch.tables[name]
             talker = batch.frames["talker"][table["frame"]]
             present, first = np.unique(talker, return_index=True)
-            for place in present[np.argsort(first)].tolist():
-                rows = np.flatnonzero(talker == place)
+            for index in present[np.argsort(first)].tolist():
+                rows = np.flatnonzero(talker == index)
                 for kind in SENSORS[name]:
                     columns = {
                         field: table[field][rows] for field in KINDS[kind].fields if field in table
@@ -317,7 +319,7 @@ class SentenceSensors:
                     given = ~np.all([np.isnan(values) for values in columns.values()], axis=0)
                     kept = {field: values[given] for field, values in columns.items()}
                     yield SensorRows(
-                        self._source(kind, name, talkers[place]),
+                        self._source(kind, name, talkers[index]),
                         kind,
                         table["frame"][rows[given]],
                         kept,

@@ -77,15 +77,15 @@ class Addresses:
         reason, -1 for none.
         """
         keys = _keys(sentences)
-        place = np.minimum(np.searchsorted(self._keys, keys), max(self._keys.size - 1, 0))
+        index = np.minimum(np.searchsorted(self._keys, keys), max(self._keys.size - 1, 0))
         unknown = (
-            np.flatnonzero(self._keys[place] != keys) if self._keys.size else np.arange(keys.size)
+            np.flatnonzero(self._keys[index] != keys) if self._keys.size else np.arange(keys.size)
         )
         if unknown.size:
             new, first = np.unique(keys[unknown], return_index=True)
             self._learn(new[np.argsort(first)].tolist())
-            place = np.searchsorted(self._keys, keys)
-        code, talker, reason = self._meanings[place].T
+            index = np.searchsorted(self._keys, keys)
+        code, talker, reason = self._meanings[index].T
         return self._with_numbers(sentences, code, reason.copy(), talker)
 
     def reason(self, text: str) -> int:
@@ -149,8 +149,8 @@ def _keys(sentences: Sentences) -> NDArray[np.uint64]:
     """The first eight characters of each address as one number."""
     cells = sentences.addresses()
     keys = np.zeros(cells.begin.size, np.uint64)
-    for place in range(_KEY_BYTES):
-        keys = keys << np.uint64(8) | cells.at(place).astype(np.uint64)
+    for index in range(_KEY_BYTES):
+        keys = keys << np.uint64(8) | cells.at(index).astype(np.uint64)
     return keys
 
 
@@ -189,27 +189,27 @@ class SentenceBatch:
         """Return the sentences that a mask selects."""
         if kept.all():
             return self
-        place = np.cumsum(kept) - 1
+        index = np.cumsum(kept) - 1
         tables = {}
         for name, table in self.tables.items():
             rows = kept[table["frame"]]
             if rows.any():
                 left = table if rows.all() else take(table, rows)
-                tables[name] = {**left, "frame": place[left["frame"]]}
+                tables[name] = {**left, "frame": index[left["frame"]]}
         return SentenceBatch(take(self.frames, kept), tables)
 
-    def split(self, place: int) -> tuple["SentenceBatch", "SentenceBatch"]:
+    def split(self, index: int) -> tuple["SentenceBatch", "SentenceBatch"]:
         """Return the sentences before a place, and the others."""
         head, tail = {}, {}
         for name, table in self.tables.items():
-            row = int(np.searchsorted(table["frame"], place))
+            row = int(np.searchsorted(table["frame"], index))
             if row:
                 head[name] = take(table, slice(0, row))
             if row < table["frame"].size:
                 tail[name] = take(table, slice(row, None))
-                tail[name]["frame"] = tail[name]["frame"] - place
-        return SentenceBatch(take(self.frames, slice(0, place)), head), SentenceBatch(
-            take(self.frames, slice(place, None)), tail
+                tail[name]["frame"] = tail[name]["frame"] - index
+        return SentenceBatch(take(self.frames, slice(0, index)), head), SentenceBatch(
+            take(self.frames, slice(index, None)), tail
         )
 
     def then(self, later: "SentenceBatch") -> "SentenceBatch":
@@ -243,8 +243,8 @@ def read_frames(
     named = satellites.of_talkers(addresses.talkers)[talker]
     common = _common(frames, code, talker)
     rejects = [
-        _rejects(frames, np.flatnonzero((code < 0) & (reason == place)), addresses.reasons[place])
-        for place in np.unique(reason[code < 0])
+        _rejects(frames, np.flatnonzero((code < 0) & (reason == index)), addresses.reasons[index])
+        for index in np.unique(reason[code < 0])
     ]
     tables: dict[str, Columns] = {}
     kept = code >= 0

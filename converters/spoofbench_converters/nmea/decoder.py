@@ -65,7 +65,7 @@ class NmeaDecoder:
         self._held: SentenceBatch | None = None
         self._before = PreviousTimes()
         self._receivers: dict[str, int] | None = None  # decided on the first sentences
-        self._habits = ReceiverTraits()
+        self._traits = ReceiverTraits()
         self._without_receiver = False
         self._assembly = Assembly()
 
@@ -96,7 +96,7 @@ class NmeaDecoder:
         receiver = self._receiver_of(held)
         first = np.flatnonzero(receiver == 0)
         frames = held.frames if first.size == held.size else take(held.frames, first)
-        starts, before = open_within_bounds(frames, first, held.size, self._before, self._habits)
+        starts, before = open_within_bounds(frames, first, held.size, self._before, self._traits)
         end = (
             held.size
             if last or (self._without_receiver and not first.size)
@@ -119,7 +119,7 @@ class NmeaDecoder:
             judged = take(held.frames, slice(0, JUDGED))
             self._receivers = tell_apart(judged, talkers)
             self._without_receiver = bool(is_sensor[:JUDGED].all())
-            self._habits = ReceiverTraits.of(
+            self._traits = ReceiverTraits.of(
                 take(judged, self._number(judged, is_sensor[:JUDGED]) == 0)
             )
         return self._number(held.frames, is_sensor)
@@ -143,7 +143,7 @@ def tell_apart(frames: Columns, talkers: Sequence[str]) -> dict[str, int]:
     rows = np.flatnonzero(np.isin(frames["code"], _POSITION) & (frames["tod_ns"] != ABSENT_NS))
     talker = frames["talker"][rows]
     present, first = np.unique(talker, return_index=True)
-    names = [talkers[place] for place in present[np.argsort(first)].tolist()]
+    names = [talkers[index] for index in present[np.argsort(first)].tolist()]
     names.sort(key=lambda name: name not in GNSS_TALKERS)
     against = _contradictions(frames, rows, talkers) if len(names) > 1 else set()
     receivers: list[list[str]] = []

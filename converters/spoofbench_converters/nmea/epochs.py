@@ -88,9 +88,9 @@ class Division:
     tod_ns: Ints
     fine: Bools
 
-    def before(self, place: int, start: PreviousTimes) -> PreviousTimes:
+    def before(self, index: int, start: PreviousTimes) -> PreviousTimes:
         """What came before the sentence at a place."""
-        timed = np.flatnonzero(self.tod_ns[:place] != ABSENT_NS)
+        timed = np.flatnonzero(self.tod_ns[:index] != ABSENT_NS)
         fine = timed[self.fine[timed]]
         return PreviousTimes(
             int(self.tod_ns[timed[-1]]) if timed.size else start.tod_ns,
@@ -99,7 +99,7 @@ class Division:
 
 
 def divide(
-    frames: Columns, segment: Ints, before: PreviousTimes, habits: ReceiverTraits
+    frames: Columns, segment: Ints, before: PreviousTimes, traits: ReceiverTraits
 ) -> Division:
     """Divide a receiver's sentences, in file order; no epoch goes across the border of two
     segments.
@@ -121,14 +121,14 @@ def divide(
         opens[timed] = (tod_ns[timed] != np.append(before.tod_ns, tod_ns[timed[:-1]])) | new_segment
     repeating = np.flatnonzero(_REPEATING[frames["code"]])
     border = np.append(np.ones(min(n, 1), bool), segment[1:] != segment[:-1])
-    _open_at_repetition(frames, repeating, np.cumsum(opens | border), opens, habits.clock_stands)
+    _open_at_repetition(frames, repeating, np.cumsum(opens | border), opens, traits.clock_stands)
     anchors = np.flatnonzero((tod_ns != ABSENT_NS) | _REPEATING[frames["code"]])
-    starts = _with_what_leads(frames, np.flatnonzero(opens), anchors, border, habits.gsv_first)
+    starts = _with_what_leads(frames, np.flatnonzero(opens), anchors, border, traits.gsv_first)
     return Division(starts | border, tod_ns, fine)
 
 
 def open_within_bounds(
-    frames: Columns, places: Ints, size: int, before: PreviousTimes, habits: ReceiverTraits
+    frames: Columns, indices: Ints, size: int, before: PreviousTimes, traits: ReceiverTraits
 ) -> tuple[Bools, PreviousTimes]:
     """Divide a receiver's sentences among others, so that no epoch has more than ``MAX_SENTENCES``
     of all.
@@ -147,18 +147,18 @@ def open_within_bounds(
     starts = np.zeros(size, bool)
     begin = 0
     while True:
-        own = int(np.searchsorted(places, begin))
+        own = int(np.searchsorted(indices, begin))
         division = divide(
-            take(frames, slice(own, None)), np.zeros(places.size - own, np.int64), before, habits
+            take(frames, slice(own, None)), np.zeros(indices.size - own, np.int64), before, traits
         )
-        starts[places[own:][division.starts]] = True
+        starts[indices[own:][division.starts]] = True
         starts[begin : begin + 1] = True
         opening = begin + np.flatnonzero(starts[begin:])
         long = np.flatnonzero(np.diff(np.append(opening, size)) > MAX_SENTENCES)
         if not long.size:
-            return starts, division.before(int(np.searchsorted(places, opening[-1])) - own, before)
+            return starts, division.before(int(np.searchsorted(indices, opening[-1])) - own, before)
         begin = int(opening[long[0]]) + MAX_SENTENCES
-        before = division.before(int(np.searchsorted(places, begin)) - own, before)
+        before = division.before(int(np.searchsorted(indices, begin)) - own, before)
         starts[begin:] = False
 
 
@@ -171,9 +171,9 @@ def _comparable(frames: Columns, before: PreviousTimes) -> tuple[Ints, Bools]:
     coarse = timed[~is_fine[timed]]
     if coarse.size and (fine.size or before.fine_ns != ABSENT_NS):
         known = np.concatenate([[before.fine_ns], tod_ns[fine], [ABSENT_NS]])
-        place = np.searchsorted(fine, coarse)
+        index = np.searchsorted(fine, coarse)
         own = tod_ns[coarse]
-        for near in (known[place + 1], known[place]):
+        for near in (known[index + 1], known[index]):
             same = (near != ABSENT_NS) & (near // SECOND_NS == own // SECOND_NS)
             tod_ns[coarse] = np.where(same, near, tod_ns[coarse])
     if timed.size:
@@ -235,10 +235,10 @@ def _open_at_repetition(
     if clock_stands:
         same &= np.searchsorted(repeating, later) - np.searchsorted(repeating, earlier) == 1
     start = -1
-    for place, last in zip(later[~same].tolist(), earlier[~same].tolist(), strict=True):
+    for index, last in zip(later[~same].tolist(), earlier[~same].tolist(), strict=True):
         if last >= start:
-            opens[place] = True
-            start = place
+            opens[index] = True
+            start = index
 
 
 def _with_what_leads(
@@ -246,8 +246,8 @@ def _with_what_leads(
 ) -> Bools:
     """Move the start of each epoch back to the sentences without a time that lead its burst."""
     starts = np.zeros(border.size, bool)
-    place = np.searchsorted(anchors, opening)
-    last_anchor = np.append(-1, anchors)[place]
+    index = np.searchsorted(anchors, opening)
+    last_anchor = np.append(-1, anchors)[index]
     borders = np.flatnonzero(border)
     first = np.maximum(last_anchor + 1, borders[np.searchsorted(borders, opening, "right") - 1])
     gsv = np.append(np.flatnonzero(frames["code"] == _GSV), border.size)
@@ -272,19 +272,19 @@ def _after_gap(receive_time_ns: Ints, first: Ints, opening: Ints, border: Bools)
     if not rows.size or not np.any(receive_time_ns != ABSENT_NS):
         return found
     group = np.repeat(np.arange(rows.size), length[rows])
-    place = ragged_ranges(first[rows], length[rows])
-    known = (receive_time_ns[place] != ABSENT_NS) & (
-        border[place] | (receive_time_ns[place - 1] != ABSENT_NS)
+    index = ragged_ranges(first[rows], length[rows])
+    known = (receive_time_ns[index] != ABSENT_NS) & (
+        border[index] | (receive_time_ns[index - 1] != ABSENT_NS)
     )
     gap = np.where(
-        border[place],
+        border[index],
         np.inf,
-        np.where(known, receive_time_ns[place].astype(float) - receive_time_ns[place - 1], -1),
+        np.where(known, receive_time_ns[index].astype(float) - receive_time_ns[index - 1], -1),
     )
     order = np.lexsort((gap, group))
     last = np.searchsorted(group[order], np.arange(rows.size), "right") - 1
     longest, second = gap[order][last], gap[order][last - 1]
     unknown = np.bincount(group[~known], minlength=rows.size) > 0
     clear = ~unknown & (longest > 0) & (longest >= _CLEAR_GAP * np.maximum(second, 0))
-    found[rows[clear]] = place[order][last][clear]
+    found[rows[clear]] = index[order][last][clear]
     return found

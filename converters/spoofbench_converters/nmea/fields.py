@@ -35,12 +35,12 @@ class FieldCells:
         """The first character of each, 0 where absent; uint8 ``(n,)``."""
         return self.at(0)
 
-    def at(self, place: int) -> Octets:
+    def at(self, index: int) -> Octets:
         """The character at a place of each, 0 beyond its end; uint8 ``(n,)``."""
         if not self.octets.size:
             return np.zeros(self.begin.size, np.uint8)
-        found = self.octets.take(self.begin + place, mode="clip")
-        found[self.length <= place] = 0
+        found = self.octets.take(self.begin + index, mode="clip")
+        found[self.length <= index] = 0
         return found
 
     def texts(self) -> list[str]:
@@ -97,7 +97,7 @@ class SentenceFields:
     ) -> None:
         self.count = count
         self._octets, self._commas, self._first, self._body_end = octets, commas, first, body_end
-        self._least = int(count.min(initial=MAX_FIELD))
+        self._fewest = int(count.min(initial=MAX_FIELD))
         self._ends: dict[int, Ints] = {}
 
     def cells(self, number: int) -> FieldCells:
@@ -108,7 +108,7 @@ class SentenceFields:
     def _end(self, number: int) -> Ints:
         """Where a field ends."""
         if number not in self._ends:
-            if number < self._least:
+            if number < self._fewest:
                 end = self._commas.take(self._first + number, mode="clip")
             else:
                 comma = self._commas.take(self._first + number, mode="clip")
@@ -170,9 +170,9 @@ def _small_integers(cells: FieldCells) -> Decimals | None:
     if longest > _SMALL or not cells.octets.size:
         return None
     value = np.zeros(cells.begin.size, np.uint16)
-    for place in range(longest):
-        there = cells.length > place
-        digit = cells.octets.take(cells.begin + place, mode="clip") - np.uint8(ord("0"))
+    for index in range(longest):
+        there = cells.length > index
+        digit = cells.octets.take(cells.begin + index, mode="clip") - np.uint8(ord("0"))
         if np.any(there & (digit > 9)):
             return None
         value = np.where(there, value * np.uint16(10) + digit, value)

@@ -103,8 +103,8 @@ def identify(named: Ints, number: Ints) -> tuple[Shorts, Shorts]:
     """Return constellation and number within it, 0 where unknown, from the constellation that a
     sentence names, or 0, and its number.
     """
-    place = named * _NUMBERS + np.where((number > 0) & (number < _NUMBERS), number, 0)
-    return _CONSTELLATION.take(place), _SVID.take(place)
+    index = named * _NUMBERS + np.where((number > 0) & (number < _NUMBERS), number, 0)
+    return _CONSTELLATION.take(index), _SVID.take(index)
 
 
 def signal_of(constellation: Ints | Shorts, signal_id: Ints) -> Shorts:

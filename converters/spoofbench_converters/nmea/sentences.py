@@ -167,8 +167,8 @@ def gns(read: Reader) -> Columns:
     cells = read.cells(6)
     mode = np.zeros(cells.begin.size, np.uint8)
     rank = np.full(cells.begin.size, len(_BEST))
-    for place in range(int(min(cells.length.max(initial=0), 8))):
-        letter = cells.at(place)
+    for index in range(int(min(cells.length.max(initial=0), 8))):
+        letter = cells.at(index)
         worth = _RANK[letter]
         read.readable &= (letter == 0) | (worth < len(_BEST))
         mode, rank = np.where(worth < rank, letter, mode).astype(np.uint8), np.minimum(worth, rank)
@@ -270,8 +270,8 @@ def pubx04(read: Reader) -> Columns:
     """
     leap = read.cells(6)
     default = np.zeros(leap.begin.size, bool)
-    for place in range(1, 4):
-        default |= leap.at(place) == ord("D")
+    for index in range(1, 4):
+        default |= leap.at(index) == ord("D")
     date_ns = read.date(3)
     columns = {**read.time(2), "date_ns": np.where(default, ABSENT_NS, date_ns)}
     return {**columns, "bias_s": read.number(7) / 1e9, "drift_sps": read.number(8) / 1e9}
@@ -337,7 +337,7 @@ def imuraw(read: Reader) -> Columns:
 
 def _axes(read: Reader, name: str, field: int, unit: float = 1.0) -> Columns:
     return {
-        name.format(axis): read.number(field + place) * unit for place, axis in enumerate("xyz")
+        name.format(axis): read.number(field + index) * unit for index, axis in enumerate("xyz")
     }
 
 

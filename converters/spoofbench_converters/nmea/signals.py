@@ -51,7 +51,7 @@ def gsv(read: Reader, named: Ints) -> tuple[Columns, Columns]:
     blocks = []
     for first in range(0, max(min(int(room.max(initial=0)), 4 * _MAX_BLOCKS), 1), 4):
         number = read.whole(4 + first, first < room)
-        parts = [read.number(4 + first + place, first + place < room) for place in (1, 2, 3)]
+        parts = [read.number(4 + first + index, first + index < room) for index in (1, 2, 3)]
         blocks.append(_satellites(number, parts, named, signal_id, np.full(named.size, UNKNOWN)))
     return {"message": message}, _flatten(blocks)
 
@@ -64,7 +64,7 @@ def pubx03(read: Reader, named: Ints) -> tuple[Columns, Columns]:
     for first in range(3, max(min(int(read.count.max(initial=0)), 6 * _MAX_BLOCKS), 4), 6):
         there = first + 5 <= read.count
         number = read.whole(first, there)
-        azimuth, elevation, cn0 = (read.number(first + place, there) for place in (2, 3, 4))
+        azimuth, elevation, cn0 = (read.number(first + index, there) for index in (2, 3, 4))
         status = _letter(read, first + 1)
         used = np.where(
             status == ord("U"),
@@ -91,7 +91,7 @@ def gsa(read: Reader, named: Ints) -> tuple[Columns, Columns]:
     named = np.where(system > 0, satellites.of_system_id(system), named)
     columns: Columns = {"dimension": read.whole(2)}
     columns |= {
-        name: read.dilution(15 + place) for place, name in enumerate(("pdop", "hdop", "vdop"))
+        name: read.dilution(15 + index) for index, name in enumerate(("pdop", "hdop", "vdop"))
     }
     slots = []
     for slot in range(GSA_SLOTS):
@@ -227,15 +227,15 @@ def _used(view: Columns, tables: Mapping[str, Columns]) -> Ints:
     if "GSA" not in tables:
         return used
     sentences = tables["GSA"]
-    used[_said(view, sentences, np.ones(sentences["epoch"].size, bool))] = 0
-    used[_said(view, sentences, sentences["full"])] = UNKNOWN
+    used[_covered(view, sentences, np.ones(sentences["epoch"].size, bool))] = 0
+    used[_covered(view, sentences, sentences["full"])] = UNKNOWN
     if USE in tables:
         listed = _among(_key(view["epoch"], view), np.sort(_key(tables[USE]["epoch"], tables[USE])))
         used[listed & (view["svid"] > 0)] = YES
     return used
 
 
-def _said(view: Columns, sentences: Columns, which: Bools) -> Bools:
+def _covered(view: Columns, sentences: Columns, which: Bools) -> Bools:
     """Which satellites these GSA sentences are about; one that names no system is about all."""
     about = np.zeros(
         16 * (int(max(view["epoch"].max(initial=0), sentences["epoch"].max(initial=0))) + 1), bool
@@ -264,9 +264,9 @@ def _residuals(view: Columns, tables: Mapping[str, Columns]) -> NDArray[np.float
     slots = users * 16 + in_use["slot"]
     order = np.argsort(slots, kind="stable")
     wanted = _sentence_keys(tables["GRS"])[givers] * 16 + given["slot"]
-    place = np.minimum(np.searchsorted(slots[order], wanted), order.size - 1)
-    match = slots[order][place] == wanted
-    satellite = _key(in_use["epoch"], in_use)[order][place[match]]
+    index = np.minimum(np.searchsorted(slots[order], wanted), order.size - 1)
+    match = slots[order][index] == wanted
+    satellite = _key(in_use["epoch"], in_use)[order][index[match]]
     signal, value = tables["GRS"]["signal"][givers[match]], given["residual_m"][match]
     for anywhere in (True, False):  # a residual with a signal goes to that signal alone
         rows_of = signal == satellites.NO_SIGNAL if anywhere else signal != satellites.NO_SIGNAL
@@ -284,5 +284,5 @@ def _sentence_keys(table: Columns) -> Ints:
     of the same place among them.
     """
     epoch = table["epoch"]
-    place = np.arange(epoch.size) - np.searchsorted(epoch, epoch, "left")
-    return epoch * 64 + np.where(table["covers"] > 0, table["covers"], 16 + np.minimum(place, 47))
+    index = np.arange(epoch.size) - np.searchsorted(epoch, epoch, "left")
+    return epoch * 64 + np.where(table["covers"] > 0, table["covers"], 16 + np.minimum(index, 47))

@@ -1,5 +1,5 @@
-"""A byte stream's conversion: frames to decoders, epochs to the axis, rows to topics, every byte
-into the account.
+"""A byte stream's conversion: frames to decoders, epochs to the time axis, rows to topics, every
+byte into the account.
 """
 
 from collections.abc import Iterator, Sequence
@@ -8,7 +8,7 @@ from typing import IO
 
 import numpy as np
 
-from spoofbench.arrays import Ints
+from spoofbench.arrays import Octets, Times
 from spoofbench.conversion import Item, Rejects, SourceMetadata, Used
 from spoofbench.errors import ConversionError
 from spoofbench_converters.serial.contract import EpochRows, Epochs, FrameDecoder, SerialOptions
@@ -23,28 +23,41 @@ UBX_NOT_ASKED_FOR = "UBX frame: not asked for"
 
 @dataclass(slots=True)
 class _RunningDecoder:
-    """A decoder at work: epochs that wait for their times, the running number of the first, and the
-    times known so far.
+    """A decoder at work.
+
+    Attributes:
+        waiting: epochs whose times are not all known.
+        first: number of the first of them among all of the decoder's.
+        time_ns, verdicts: of the first of them, int64 and uint8, as far as known.
     """
 
     decoder: FrameDecoder
     waiting: list[Epochs] = field(default_factory=list)
     first: int = 0
-    times: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
-    verdicts: "np.ndarray[tuple[int], np.dtype[np.uint8]]" = field(
-        default_factory=lambda: np.zeros(0, np.uint8)
-    )
+    time_ns: Times = field(default_factory=lambda: np.zeros(0, np.int64))
+    verdicts: Octets = field(default_factory=lambda: np.zeros(0, np.uint8))
+
+    def timed(self, time_ns: Times, verdicts: Octets) -> Iterator[TimedEpochs]:
+        """Take the times of the next epochs; yield the epochs of which all times are known."""
+        self.time_ns = np.append(self.time_ns, time_ns)
+        self.verdicts = np.append(self.verdicts, verdicts)
+        while self.waiting and self.time_ns.size >= self.waiting[0].offset.size:
+            epochs = self.waiting.pop(0)
+            count = epochs.offset.size
+            yield TimedEpochs(epochs, self.time_ns[:count], self.verdicts[:count], self.first)
+            self.first += count
+            self.time_ns, self.verdicts = self.time_ns[count:], self.verdicts[count:]
 
 
 class SerialConversion:
     """One log's conversion by the decoders of one or two protocols."""
 
     def __init__(self, decoders: Sequence[FrameDecoder], options: SerialOptions) -> None:
-        self._courses = [_RunningDecoder(decoder) for decoder in decoders]
+        self._decoders = [_RunningDecoder(decoder) for decoder in decoders]
         self._options = options
         self._axis = TimeAxis(options, tuple(decoder.protocol.upper() for decoder in decoders))
-        self._stamps = HostTimestamps(options.zone_is_utc)
-        self._ground = RejectedBytes()
+        self._timestamps = HostTimestamps(options.zone_is_utc)
+        self._rejected = RejectedBytes()
         self._names: dict[tuple[int, str], str] = {}
         self._topics: dict[tuple[int, str, str], TopicRows] = {}
 
@@ -54,11 +67,11 @@ class SerialConversion:
         Raises:
             ConversionError: its times lack a date, or two receivers are interleaved in it.
         """
-        for piece in demultiplex(stream, self._stamps, self._options.checksum, piece_bytes):
+        for piece in demultiplex(stream, self._timestamps, self._options.checksum, piece_bytes):
             yield from self._take(piece)
             yield from self._settle(piece.end - HORIZON, last=False)
-        for number, course in enumerate(self._courses):
-            yield from self._decoded(number, course.decoder.finish())
+        for number, running in enumerate(self._decoders):
+            yield from self._decoded(number, running.decoder.finish())
         yield from self._settle(np.iinfo(np.int64).max, last=True)
         for topic in self._topics.values():
             yield from topic.finish()
@@ -67,61 +80,47 @@ class SerialConversion:
                 f"the times in {name!r} have no date; say with --date YYYY-MM-DD which day the "
                 "first one is of"
             )
-        yield SourceMetadata(self._facts())
+        yield SourceMetadata(self._metadata())
 
     def _take(self, piece: Piece) -> Iterator[Item]:
         for rejects in piece.rejects:
-            yield self._ground.take(rejects)
-        for number, course in enumerate(self._courses):
-            frames = piece.ubx if course.decoder.protocol == "ubx" else piece.nmea
-            yield from self._decoded(number, course.decoder.push(frames))
-        if (
-            all(course.decoder.protocol != "ubx" for course in self._courses)
-            and piece.ubx.starts.size
+            yield self._rejected.take(rejects)
+        for number, running in enumerate(self._decoders):
+            frames = piece.ubx if running.decoder.protocol == "ubx" else piece.nmea
+            yield from self._decoded(number, running.decoder.push(frames))
+        if piece.ubx.starts.size and all(
+            running.decoder.protocol != "ubx" for running in self._decoders
         ):
-            yield self._ground.take(Rejects(piece.ubx.offsets(), piece.ubx.used, UBX_NOT_ASKED_FOR))
+            yield self._rejected.take(
+                Rejects(piece.ubx.offsets(), piece.ubx.used, UBX_NOT_ASKED_FOR)
+            )
 
     def _decoded(self, number: int, items: Iterator[Epochs | Rejects]) -> Iterator[Item]:
         for item in items:
             if isinstance(item, Rejects):
-                yield self._ground.take(item)
+                yield self._rejected.take(item)
             elif item.offset.size:
-                self._courses[number].waiting.append(item)
+                self._decoders[number].waiting.append(item)
                 self._axis.push(number, item)
 
     def _settle(self, limit: int, last: bool) -> Iterator[Item]:
-        """Give the rows of the epochs whose times are known."""
-        ready = []
-        for number, (times, verdicts) in self._axis.advance(limit, last).items():
-            course = self._courses[number]
-            course.times, course.verdicts = (
-                np.append(course.times, times),
-                np.append(course.verdicts, verdicts),
-            )
-            while course.waiting and course.times.size >= course.waiting[0].offset.size:
-                epochs = course.waiting.pop(0)
-                count = epochs.offset.size
-                ready.append(
-                    (
-                        number,
-                        TimedEpochs(
-                            epochs, course.times[:count], course.verdicts[:count], course.first
-                        ),
-                    )
-                )
-                course.first += count
-                course.times, course.verdicts = course.times[count:], course.verdicts[count:]
-        self._name(ready)
+        """Yield the rows of the epochs whose times are known."""
+        ready = [
+            (number, timed)
+            for number, times in self._axis.advance(limit, last).items()
+            for timed in self._decoders[number].timed(*times)
+        ]
+        self._name_sources(ready)
         yield from self._refused([timed for _, timed in ready])
         for number, timed in ready:
-            used = int(timed.epochs.used[timed.verdicts == TIMED].sum())
             for rows in timed.epochs.rows:
                 topic = self._topic(number, rows)
                 if topic:
                     yield from topic.push(rows, timed)
-            yield Used(used)  # one account for all topics, which share the bytes of an epoch
-        undecided = [course.waiting[0].offset[0] for course in self._courses if course.waiting]
-        self._ground.forget(int(min(undecided, default=limit)))
+            # one account for all topics, which share the bytes of an epoch
+            yield Used(int(timed.epochs.used[timed.verdicts == TIMED].sum()))
+        undecided = [running.waiting[0].offset[0] for running in self._decoders if running.waiting]
+        self._rejected.forget(int(min(undecided, default=limit)))
 
     def _refused(self, ready: Sequence[TimedEpochs]) -> Iterator[Rejects]:
         """Reject the epochs that get no time."""
@@ -135,9 +134,9 @@ class SerialConversion:
                 offsets = np.concatenate([epochs.offset[which] for epochs, which in refused])
                 lengths = np.concatenate([epochs.used[which] for epochs, which in refused])
                 order = np.argsort(offsets, kind="stable")
-                yield from self._ground.lay(offsets[order], lengths[order], reason)
+                yield from self._rejected.lay(offsets[order], lengths[order], reason)
 
-    def _name(self, ready: Sequence[tuple[int, TimedEpochs]]) -> None:
+    def _name_sources(self, ready: Sequence[tuple[int, TimedEpochs]]) -> None:
         """Name new sources in the order of the log: as their decoder does, or by the next free
         number.
 
@@ -146,15 +145,14 @@ class SerialConversion:
         found: list[tuple[int, int, str]] = []
         for number, timed in ready:
             for rows in timed.epochs.rows:
-                kept = timed.verdicts[rows.epoch] == TIMED
-                if (number, rows.source) not in self._names and kept.any():
-                    found.append(
-                        (int(timed.epochs.offset[rows.epoch[np.argmax(kept)]]), number, rows.source)
-                    )
+                has_time = timed.verdicts[rows.epoch] == TIMED
+                if (number, rows.source) not in self._names and has_time.any():
+                    first = timed.epochs.offset[rows.epoch[np.argmax(has_time)]]
+                    found.append((int(first), number, rows.source))
         for _, number, source in sorted(found):
             if (number, source) not in self._names:
-                prefix, count = source.rstrip("0123456789"), len(source.rstrip("0123456789"))
-                wanted = int(source[count:]) + (number if prefix == "gnss" else 0)
+                prefix = source.rstrip("0123456789")
+                wanted = int(source.removeprefix(prefix)) + (number if prefix == "gnss" else 0)
                 while f"{prefix}{wanted}" in self._names.values():
                     wanted += 1
                 self._names[number, source] = f"{prefix}{wanted}"
@@ -164,31 +162,31 @@ class SerialConversion:
         name = self._names.get((number, rows.source))
         if name is None:
             return None
-        if (number, rows.source, rows.kind) not in self._topics:
-            self._topics[number, rows.source, rows.kind] = TopicRows(name, rows.kind)
-        return self._topics[number, rows.source, rows.kind]
+        key = number, rows.source, rows.kind
+        if key not in self._topics:
+            self._topics[key] = TopicRows(name, rows.kind)
+        return self._topics[key]
 
-    def _facts(self) -> dict[str, dict[str, str]]:
+    def _metadata(self) -> dict[str, dict[str, str]]:
         recording = self._axis.about()
         if self._options.session:
             recording["session_id"] = self._options.session
-        if self._stamps.without_zone:
-            recording["times_without_zone"] = str(self._stamps.without_zone)
-        facts: dict[str, dict[str, str]] = {"recording": recording}
-        for number, course in enumerate(self._courses):
-            protocol = course.decoder.protocol.upper()
-            for source, told in course.decoder.about().items():
+        if self._timestamps.without_zone:
+            recording["times_without_zone"] = str(self._timestamps.without_zone)
+        records: dict[str, dict[str, str]] = {"recording": recording}
+        for number, running in enumerate(self._decoders):
+            protocol = running.decoder.protocol.upper()
+            for source, about in running.decoder.about().items():
                 if (number, source) in self._names:
-                    facts[f"source/{self._names[number, source]}"] = {"topic": protocol, **told}
-                    if "leap_seconds" in told:
-                        recording.setdefault("leap_seconds", told["leap_seconds"])
+                    name = f"source/{self._names[number, source]}"
+                    records[name] = {"topic": protocol, **about}
+                    if "leap_seconds" in about:
+                        recording.setdefault("leap_seconds", about["leap_seconds"])
         for topic in self._topics.values():
-            record = facts.setdefault(f"source/{topic.source}", {})
+            record = records.setdefault(f"source/{topic.source}", {})
             record.update({key: text for key, text in topic.about().items() if key not in record})
-        receivers = sorted(
-            (topic for topic in self._topics.values() if topic.is_pvt),
-            key=lambda topic: topic.preference,
-        )
+        receivers = [topic for topic in self._topics.values() if topic.is_pvt]
         if receivers:
-            facts["primary"] = {"gnss/pvt": receivers[0].source}
-        return facts
+            primary = min(receivers, key=lambda topic: topic.preference)
+            records["primary"] = {"gnss/pvt": primary.source}
+        return records

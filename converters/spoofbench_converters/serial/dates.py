@@ -1,20 +1,29 @@
-"""Dates for claimed times that have none."""
+"""Claimed times: completed by dates, and refused where two receivers are interleaved."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from spoofbench.arrays import Ints, forward_fill
+from spoofbench.errors import ConversionError
 from spoofbench.gnss_time import DAY_NS, ROLLOVER_NS, wrap_difference
 from spoofbench_converters.serial.contract import ABSENT_NS
 
 _NO_PERIOD_NS = 2**62
+_WINDOW_EPOCHS, _TOO_MANY_BACK = 100, 20
+_INTERLEAVED = (
+    "two receivers seem to be interleaved in this log: of {count} {protocol} epochs in a row, "
+    "{back} go back in time; separate them first, or name one with --source"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClaimedTimes:
-    """What epochs claim, in file order, int64 ``(n,)``: number of the protocol, and as in
-    ``Epochs``.
+    """What epochs claim, in file order.
+
+    Attributes:
+        protocol: int64 ``(n,)``, its number.
+        claimed_ns, period_ns: int64 ``(n,)``, as in ``Epochs``.
     """
 
     protocol: Ints
@@ -57,7 +66,9 @@ class DateCompleter:
     _complete: int | None = None
 
     def complete(self, claims: ClaimedTimes) -> Ints:
-        """Return the complete times of the next epochs, ``ABSENT_NS`` where there is none."""
+        """Return the complete times of the next epochs, int64 ``(n,)``, ``ABSENT_NS`` where there
+        is none.
+        """
         whole = np.where(
             (claims.period_ns == 0) & (claims.claimed_ns != ABSENT_NS),
             claims.claimed_ns + self.rollovers * ROLLOVER_NS,
@@ -147,3 +158,53 @@ def _on_date(claimed_ns: int, period_ns: int, date_ns: int) -> int:
     """
     first = date_ns + DAY_NS // 2 - period_ns // 2
     return first + (claimed_ns - first) % period_ns
+
+
+class InterleavingCheck:
+    """Refuses logs whose claimed times go back again and again, as those of two receivers do that
+    are merged without order.
+    """
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self._names = names
+        self._last: dict[int, int] = {}
+        self._open_windows: dict[int, tuple[int, int]] = {}
+
+    def check(self, protocol: Ints, claimed_ns: Ints) -> None:
+        """Take the next epochs' complete times, int64 ``(n,)``.
+
+        Raises:
+            ConversionError: of a hundred epochs in a row, twenty or more go back.
+        """
+        for number in np.unique(protocol).tolist():
+            claimed = claimed_ns[(protocol == number) & (claimed_ns != ABSENT_NS)]
+            if not claimed.size:
+                continue
+            back = np.diff(claimed, prepend=self._last.get(number, claimed[0])) < 0
+            self._last[number] = int(claimed[-1])
+            seen, behind = self._open_windows.get(number, (0, 0))
+            window = (np.arange(back.size) + seen) // _WINDOW_EPOCHS
+            counts = np.bincount(window, back)
+            counts[0] += behind
+            for count in counts[counts >= _TOO_MANY_BACK][:1].tolist():
+                raise ConversionError(
+                    _INTERLEAVED.format(
+                        count=_WINDOW_EPOCHS, protocol=self._names[number], back=int(count)
+                    )
+                )
+            self._open_windows[number] = (
+                (seen + back.size) % _WINDOW_EPOCHS,
+                int(counts[-1]) if (seen + back.size) % _WINDOW_EPOCHS else 0,
+            )
+
+    def finish(self) -> None:
+        """Check what is left, by the same share.
+
+        Raises:
+            ConversionError: a fifth of the last epochs, and five or more, go back.
+        """
+        for number, (seen, back) in self._open_windows.items():
+            if back >= 5 and back * _WINDOW_EPOCHS >= seen * _TOO_MANY_BACK:
+                raise ConversionError(
+                    _INTERLEAVED.format(count=seen, protocol=self._names[number], back=back)
+                )

@@ -85,9 +85,9 @@ def _fletcher_agrees(octets: Octets, starts: Ints, ends: Ints) -> Bools:
     first = int(starts[0])
     here, before, after = octets[first : int(ends.max()) + 1], starts - first, ends - first
     if int((ends - starts).sum()) <= 2 * here.size:
-        place = np.tile(np.arange(256, dtype=np.uint8), here.size // 256 + 1)[: here.size]
+        index = np.tile(np.arange(256, dtype=np.uint8), here.size // 256 + 1)[: here.size]
         a = _reduced(np.add, here, before, after)
-        b = after.astype(np.uint8) * a - _reduced(np.add, here * place, before, after)
+        b = after.astype(np.uint8) * a - _reduced(np.add, here * index, before, after)
         return np.asarray((a == octets[ends]) & (b == octets[ends + 1]))
     sums = np.zeros((2, here.size + 1), np.uint32)
     np.cumsum(here.astype(np.uint32), out=sums[0, 1:])
@@ -167,8 +167,8 @@ def _crc_agrees(octets: Octets, starts: Ints, ends: Ints) -> Bools:
     are equal just if its own remainder is zero.
     """
     windows, row = np.unique(starts // _STRIDE, return_inverse=True)
-    places = windows[:, None] * _STRIDE + np.arange(_WINDOW)
-    terms = _crc_terms()[np.arange(_WINDOW), octets.take(places, mode="clip")]
+    offsets = windows[:, None] * _STRIDE + np.arange(_WINDOW)
+    terms = _crc_terms()[np.arange(_WINDOW), octets.take(offsets, mode="clip")]
     sums = np.zeros((windows.size, _WINDOW + 1), np.uint32)
     np.bitwise_xor.accumulate(terms, axis=1, out=sums[:, 1:])
     origin = windows[row] * _STRIDE
@@ -185,8 +185,8 @@ def _crc_terms() -> NDArray[np.uint32]:
         by_byte = (by_byte << 1) ^ np.where(by_byte & 0x800000, np.uint32(_CRC24Q), np.uint32(0))
     terms = np.zeros((_WINDOW, 256), np.uint32)
     terms[-1] = np.arange(256)
-    for place in range(_WINDOW - 1, 0, -1):
-        terms[place - 1] = (terms[place] << 8 & 0xFFFFFF) ^ by_byte[terms[place] >> 16]
+    for index in range(_WINDOW - 1, 0, -1):
+        terms[index - 1] = (terms[index] << 8 & 0xFFFFFF) ^ by_byte[terms[index] >> 16]
     return terms
 
 
@@ -206,8 +206,8 @@ def chosen(starts: Ints, ends: Ints) -> Bools:
     taken = np.ones(starts.size, bool)
     if np.any(starts[1:] < ends[:-1]):
         reached = 0
-        for place, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
-            taken[place] = start >= reached
+        for index, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+            taken[index] = start >= reached
             reached = end if start >= reached else reached
     return taken
 
@@ -221,14 +221,16 @@ def line_ends(octets: Octets, ends: Ints) -> Ints:
     return ends
 
 
-def _at(octets: Octets, places: Ints) -> Octets:
+def _at(octets: Octets, offsets: Ints) -> Octets:
     """Return the bytes at these places, zeros beyond the end."""
-    return np.where(places < octets.size, octets[np.minimum(places, octets.size - 1)], np.uint8(0))
+    return np.where(
+        offsets < octets.size, octets[np.minimum(offsets, octets.size - 1)], np.uint8(0)
+    )
 
 
-def _next(marks: Ints, places: Ints, none: int) -> Ints:
+def _next(marks: Ints, offsets: Ints, none: int) -> Ints:
     """Return the first mark after each place."""
-    return np.append(marks, none)[np.searchsorted(marks, places)]
+    return np.append(marks, none)[np.searchsorted(marks, offsets)]
 
 
 def _printable(octets: Octets, starts: Ints, ends: Ints) -> Bools:

@@ -33,7 +33,7 @@ _LF, _CR, _HASH = b"\n\r#"
 class DamageMarks:
     """Where damaged frames and sentences start, and the reason of each: int64 and int8 ``(k,)``."""
 
-    places: Ints
+    offsets: Ints
     reasons: NDArray[np.int8]
 
 
@@ -54,17 +54,17 @@ def divide(
     """
     starts, ends = gaps
     comments = _comments(octets, starts, ends, at_line_start)
-    places = np.concatenate([marks.places, comments])
+    offsets = np.concatenate([marks.offsets, comments])
     of_marks = np.concatenate([marks.reasons, np.full(comments.size, COMMENT, np.int8)])
-    skipped = _within(places, starts, ends)
-    places, of_marks = places[skipped], of_marks[skipped]
-    lines = places[(of_marks == COMMENT) | (of_marks >= WRONG)]
+    skipped = _within(offsets, starts, ends)
+    offsets, of_marks = offsets[skipped], of_marks[skipped]
+    lines = offsets[(of_marks == COMMENT) | (of_marks >= WRONG)]
     stops = _line_stops(octets, lines)
     stops = stops[(stops - lines <= LONGEST) & _within(stops, starts, ends)]
-    bounds = np.sort(np.concatenate([starts, places, stops]), kind="stable")
+    bounds = np.sort(np.concatenate([starts, offsets, stops]), kind="stable")
     bounds = bounds[np.diff(bounds, prepend=-1) > 0]
     reasons = np.full(bounds.size, -1, np.int8)
-    reasons[np.searchsorted(bounds, places)] = of_marks
+    reasons[np.searchsorted(bounds, offsets)] = of_marks
     stops = np.minimum(
         np.append(bounds[1:], octets.size), ends[np.searchsorted(starts, bounds, "right") - 1]
     )
@@ -84,29 +84,29 @@ def rejects(base: int, starts: Ints, ends: Ints, reasons: NDArray[np.int8]) -> l
     ]
 
 
-def _within(places: Ints, starts: Ints, ends: Ints) -> Bools:
-    gap = np.searchsorted(starts, places, "right") - 1
+def _within(offsets: Ints, starts: Ints, ends: Ints) -> Bools:
+    gap = np.searchsorted(starts, offsets, "right") - 1
     return (
-        np.asarray((gap >= 0) & (places < ends[gap]))
+        np.asarray((gap >= 0) & (offsets < ends[gap]))
         if starts.size
-        else np.zeros(places.size, bool)
+        else np.zeros(offsets.size, bool)
     )
 
 
 def _comments(octets: Octets, starts: Ints, ends: Ints, at_line_start: bool) -> Ints:
     """Return where lines start with ``#``."""
-    places = np.flatnonzero(octets == _HASH) if starts.size else starts
-    places = places[_within(places, starts, ends)]
-    before = octets[places - 1]
-    return places[np.where(places == 0, at_line_start, (before == _LF) | (before == _CR))]
+    offsets = np.flatnonzero(octets == _HASH) if starts.size else starts
+    offsets = offsets[_within(offsets, starts, ends)]
+    before = octets[offsets - 1]
+    return offsets[np.where(offsets == 0, at_line_start, (before == _LF) | (before == _CR))]
 
 
-def _line_stops(octets: Octets, places: Ints) -> Ints:
+def _line_stops(octets: Octets, offsets: Ints) -> Ints:
     """Return where the line of each place ends, line end included."""
-    if not places.size:
-        return places
+    if not offsets.size:
+        return offsets
     breaks = np.append(np.flatnonzero((octets == _LF) | (octets == _CR)), octets.size)
-    return line_ends(octets, breaks[np.searchsorted(breaks, places)])
+    return line_ends(octets, breaks[np.searchsorted(breaks, offsets)])
 
 
 def _shortened(
@@ -176,7 +176,7 @@ class RejectedBytes:
         reject known.
         """
         starts, ends = (each.tolist() for each in self._sorted())
-        places, sizes, at, here = [], [], 0, 0
+        begins, sizes, at, here = [], [], 0, 0
         for offset, length in zip(offsets.tolist(), lengths.tolist(), strict=True):
             at, left = max(at, offset), length
             while left:
@@ -186,11 +186,11 @@ class RejectedBytes:
                     at = ends[here]
                     continue
                 free = min(left, starts[here] - at) if here < len(starts) else left
-                places.append(at)
+                begins.append(at)
                 sizes.append(free)
                 at, left = at + free, left - free
-        if places:
-            yield self.take(Rejects(np.array(places), np.array(sizes), reason))
+        if begins:
+            yield self.take(Rejects(np.array(begins), np.array(sizes), reason))
 
     def _sorted(self) -> tuple[Ints, Ints]:
         starts = np.concatenate([np.zeros(0, np.int64), *self._starts])

@@ -155,12 +155,12 @@ def _tag_agrees(texts: Octets, at: int) -> Bools:
     """Whether the two hexadecimal digits at ``at`` are the XOR of what stands between the first
     backslash and ``*``.
     """
-    told = np.zeros(len(texts), np.uint8)
+    reported = np.zeros(len(texts), np.uint8)
     for column in (at, at + 1):
         digit = texts[:, column]
-        told = told * np.uint8(16) + np.where(
+        reported = reported * np.uint8(16) + np.where(
             digit > ord("9"),
             (digit & np.uint8(0x5F)) - np.uint8(ord("A") - 10),
             digit - np.uint8(ord("0")),
         )
-    return np.asarray(told == np.bitwise_xor.reduce(texts[:, 1 : at - 1], axis=1))
+    return np.asarray(reported == np.bitwise_xor.reduce(texts[:, 1 : at - 1], axis=1))

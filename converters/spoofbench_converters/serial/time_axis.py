@@ -13,12 +13,11 @@ from statistics import median
 
 import numpy as np
 
-from spoofbench.arrays import Ints, Octets
+from spoofbench.arrays import Ints, Octets, Times
 from spoofbench.conversion import Columns
 from spoofbench.conversion.rows import join, take
-from spoofbench.errors import ConversionError
 from spoofbench_converters.serial.contract import ABSENT_NS, Epochs, SerialOptions
-from spoofbench_converters.serial.dates import ClaimedTimes, DateCompleter
+from spoofbench_converters.serial.dates import ClaimedTimes, DateCompleter, InterleavingCheck
 
 AHEAD = 2
 """How many epochs of its own protocol behind an epoch decide on its time."""
@@ -30,19 +29,30 @@ DEFAULT_INTERVAL_NS = 1_000_000_000
 RECENT_INTERVALS = 64
 MAX_STEPS = 1000
 
-TIMED, NO_TIME_YET, BACKWARDS = range(3)
+TIMED, NO_TIME_YET, BACKWARDS, NO_DATE = range(4)
+"""Verdicts on epochs."""
 
-_CHECKED, _TOO_MANY_BACK = 100, 20
-_INTERLEAVED = (
-    "two receivers seem to be interleaved in this log: of {judged} {protocol} epochs in a row, "
-    "{back} go back in time; "
-    "separate them first, or name one with --source"
-)
+REASONS: Mapping[int, str] = {
+    NO_TIME_YET: "no valid time yet",
+    BACKWARDS: "the recorder's clock runs backwards",
+    NO_DATE: "time without a date",
+}
+"""Why epochs are rejected, by verdict."""
+
+_FIRST_EPOCHS = 1000
+"""Epochs from the start of the log that decide whether the recorder's clock is the recording's."""
+
+_NEARLY_ALL = 0.9
+_MAX_WAITING = 100_000
+"""Epochs that wait for a date at most, where dates are carried backward."""
+
+Decided = dict[int, tuple[Times, Octets]]
+"""By protocol, times and verdicts of its next epochs."""
 
 
 @dataclass(frozen=True, slots=True)
 class FollowingRules:
-    """How an axis follows its clock.
+    """How a clock is followed.
 
     Attributes:
         gap_ns: a step forward of this or more is not followed.
@@ -58,7 +68,7 @@ class FollowingRules:
 
 @dataclass(slots=True)
 class ClockSteps:
-    """Steps of the clock that the axis did not follow: their number, and the first thousand."""
+    """Steps of the clock that were not followed: their number, and the first thousand."""
 
     count: int = 0
     listed: list[dict[str, int]] = field(default_factory=list)
@@ -71,8 +81,13 @@ class ClockSteps:
 
 @dataclass(slots=True)
 class _Track:
-    """How far one protocol's epochs have come: last followed clock, last time given, axis minus
-    clock, recent intervals.
+    """How far one protocol's epochs have come.
+
+    Attributes:
+        clock_ns: last reading of the clock that was followed.
+        time_ns: last time given.
+        lead_ns: time minus clock.
+        intervals: recent ones between epochs, in ns.
     """
 
     clock_ns: int = ABSENT_NS
@@ -84,7 +99,7 @@ class _Track:
         """Median of the recent intervals."""
         return int(median(self.intervals)) if self.intervals else DEFAULT_INTERVAL_NS
 
-    def go(self, clock_ns: int, time_ns: int) -> None:
+    def advance_to(self, clock_ns: int, time_ns: int) -> None:
         if self.time_ns != ABSENT_NS and time_ns > self.time_ns:
             self.intervals.append(time_ns - self.time_ns)
         self.clock_ns, self.time_ns = clock_ns, time_ns
@@ -96,9 +111,9 @@ class ClockFollower:
     The axis starts at the first time and follows the clock as long as that goes forward by less
     than a gap; equal times stay equal, for the log resolves no finer. A clock that steps backward
     or by a gap, and an epoch without a time, go on by the median of the recent intervals between
-    epochs; so does an epoch whose clock leaps while the next one's is back on course, which changes
-    nothing for those behind it. Protocols have courses of their own; one whose clock steps goes
-    where the other went, if that went there before.
+    epochs; so does an epoch whose clock leaps while the next one's is back where it was, which
+    changes nothing for those behind it. Each protocol is followed on its own; one whose clock steps
+    goes where the other went, if that went there before.
     """
 
     def __init__(self, rules: FollowingRules) -> None:
@@ -109,45 +124,45 @@ class ClockFollower:
     def times(
         self, protocol: Ints, offset: Ints, clock_ns: Ints, count: int
     ) -> tuple[Ints, Octets]:
-        """Return times and verdicts of the first ``count`` epochs given; those behind them are
-        looked at alone.
+        """Return times and verdicts of the first ``count`` epochs given, int64 and uint8
+        ``(count,)``; those behind them are only looked at.
 
         Args:
             protocol, offset, clock_ns: int64 ``(n,)``, of epochs in file order; ``ABSENT_NS`` for
                 no time.
         """
         times, verdicts = np.full(count, ABSENT_NS), np.zeros(count, np.uint8)
-        mine = {
+        by_protocol = {
             number: np.flatnonzero(protocol == number) for number in np.unique(protocol).tolist()
         }
-        done = dict.fromkeys(mine, 0)
-        events = self._irregular(mine, clock_ns, count)
+        done = dict.fromkeys(by_protocol, 0)
+        events = self._irregular(by_protocol, clock_ns, count)
         while events:
-            here, number, place = heappop(events)
-            if place < done[number]:
+            here, number, index = heappop(events)
+            if index < done[number]:
                 continue
-            own = mine[number]
-            self._run(number, own[done[number] : place], clock_ns, times)
-            ahead = own[place + 1 : place + 1 + AHEAD]
+            own = by_protocol[number]
+            self._run(number, own[done[number] : index], clock_ns, times)
+            ahead = own[index + 1 : index + 1 + AHEAD]
             ahead = ahead[offset[ahead] - offset[here] <= HORIZON]
             times[here], verdicts[here] = self._step(
                 number, int(offset[here]), int(clock_ns[here]), clock_ns[ahead].tolist()
             )
-            done[number] = place + 1
-            if verdicts[here] == BACKWARDS and place + 1 < own.size and own[place + 1] < count:
-                heappush(events, (int(own[place + 1]), number, place + 1))
-        for number, own in mine.items():
+            done[number] = index + 1
+            if verdicts[here] == BACKWARDS and index + 1 < own.size and own[index + 1] < count:
+                heappush(events, (int(own[index + 1]), number, index + 1))
+        for number, own in by_protocol.items():
             self._run(number, own[done[number] : int(np.searchsorted(own, count))], clock_ns, times)
         return times, verdicts
 
     def _irregular(
-        self, mine: dict[int, Ints], clock_ns: Ints, count: int
+        self, by_protocol: dict[int, Ints], clock_ns: Ints, count: int
     ) -> list[tuple[int, int, int]]:
-        """Return place, protocol and place among its epochs of those that do not just follow the
-        one before, as a heap.
+        """Return, as a heap, the epochs that do not just follow the one before: index among all,
+        protocol, index among its own.
         """
         found: list[tuple[int, int, int]] = []
-        for number, own in mine.items():
+        for number, own in by_protocol.items():
             clock = clock_ns[own[: np.searchsorted(own, count)]]
             before = np.append(self._tracks[number].clock_ns, clock[:-1])
             steps = clock - before
@@ -158,36 +173,36 @@ class ClockFollower:
                 & (steps < self._rules.gap_ns)
             )
             found += [
-                (int(own[place]), number, place) for place in np.flatnonzero(~regular).tolist()
+                (int(own[index]), number, index) for index in np.flatnonzero(~regular).tolist()
             ]
         return sorted(found)
 
-    def _run(self, number: int, places: Ints, clock_ns: Ints, times: Ints) -> None:
+    def _run(self, number: int, rows: Ints, clock_ns: Ints, times: Ints) -> None:
         """Let epochs follow their clock."""
-        if not places.size:
+        if not rows.size:
             return
         track = self._tracks[number]
-        given = np.maximum(clock_ns[places] + track.lead_ns, track.time_ns)
-        times[places] = given
+        given = np.maximum(clock_ns[rows] + track.lead_ns, track.time_ns)
+        times[rows] = given
         steps = np.diff(
             given[-RECENT_INTERVALS - 1 :],
-            prepend=[track.time_ns] if places.size <= RECENT_INTERVALS else [],
+            prepend=[track.time_ns] if rows.size <= RECENT_INTERVALS else [],
         )
         track.intervals.extend(steps[steps > 0].tolist())
-        track.clock_ns, track.time_ns = int(clock_ns[places[-1]]), int(given[-1])
+        track.clock_ns, track.time_ns = int(clock_ns[rows[-1]]), int(given[-1])
 
     def _step(self, number: int, offset: int, clock: int, ahead: list[int]) -> tuple[int, int]:
-        """Give one epoch its time and verdict that does not just follow the one before."""
+        """Return time and verdict of one epoch that does not just follow the one before."""
         track, rules = self._tracks[number], self._rules
         if track.time_ns == ABSENT_NS:
             return self._start(number, clock, ahead)
         nominal = track.time_ns + track.interval_ns()
         if clock == ABSENT_NS:
-            track.go(track.clock_ns, nominal)
+            track.advance_to(track.clock_ns, nominal)
             return nominal, TIMED
         step = clock - track.clock_ns
         if 0 <= step < rules.gap_ns:
-            track.go(clock, max(clock + track.lead_ns, track.time_ns))
+            track.advance_to(clock, max(clock + track.lead_ns, track.time_ns))
             return track.time_ns, TIMED
         if rules.by_recorder and step < 0 and not rules.append:
             return ABSENT_NS, BACKWARDS
@@ -203,11 +218,11 @@ class ClockFollower:
             self.steps.note(offset, track.clock_ns, clock)
             lead = nominal - clock
         track.lead_ns = lead
-        track.go(clock, clock + lead)
+        track.advance_to(clock, clock + lead)
         return track.time_ns, TIMED
 
     def _start(self, number: int, clock: int, ahead: list[int]) -> tuple[int, int]:
-        """Start a protocol's course, unless its first time is a lone one."""
+        """Start to follow a protocol, unless its first time is a lone one."""
         if clock == ABSENT_NS:
             return ABSENT_NS, NO_TIME_YET
         known = [time for time in ahead if time != ABSENT_NS]
@@ -219,7 +234,7 @@ class ClockFollower:
             return ABSENT_NS, NO_TIME_YET
         track = self._tracks[number]
         track.lead_ns = self._lead_of_another(number, clock) or 0
-        track.go(clock, clock + track.lead_ns)
+        track.advance_to(clock, clock + track.lead_ns)
         return track.time_ns, TIMED
 
     def _lead_of_another(self, number: int, clock: int) -> int | None:
@@ -241,76 +256,8 @@ class ClockFollower:
         return None
 
 
-class InterleavingCheck:
-    """Refuses logs whose claimed times go back again and again, as those of two receivers do that
-    are merged without order.
-    """
-
-    def __init__(self, names: tuple[str, ...]) -> None:
-        self._names = names
-        self._last: dict[int, int] = {}
-        self._seen: dict[int, tuple[int, int]] = {}
-
-    def look(self, protocol: Ints, claimed_ns: Ints) -> None:
-        """Look at the next epochs' complete times.
-
-        Raises:
-            ConversionError: of a hundred epochs in a row, twenty or more go back.
-        """
-        for number in np.unique(protocol).tolist():
-            claimed = claimed_ns[(protocol == number) & (claimed_ns != ABSENT_NS)]
-            if not claimed.size:
-                continue
-            back = np.diff(claimed, prepend=self._last.get(number, claimed[0])) < 0
-            self._last[number] = int(claimed[-1])
-            judged, behind = self._seen.get(number, (0, 0))
-            window = (np.arange(back.size) + judged) // _CHECKED
-            counts = np.bincount(window, back)
-            counts[0] += behind
-            for count in counts[counts >= _TOO_MANY_BACK][:1].tolist():
-                raise ConversionError(
-                    _INTERLEAVED.format(
-                        judged=_CHECKED, protocol=self._names[number], back=int(count)
-                    )
-                )
-            self._seen[number] = (
-                (judged + back.size) % _CHECKED,
-                int(counts[-1]) if (judged + back.size) % _CHECKED else 0,
-            )
-
-    def finish(self) -> None:
-        """Judge what is left, by the same share.
-
-        Raises:
-            ConversionError: a fifth of the last epochs, and five or more, go back.
-        """
-        for number, (judged, back) in self._seen.items():
-            if back >= 5 and back * _CHECKED >= judged * _TOO_MANY_BACK:
-                raise ConversionError(
-                    _INTERLEAVED.format(judged=judged, protocol=self._names[number], back=back)
-                )
-
-
-NO_DATE = BACKWARDS + 1
-REASONS: Mapping[int, str] = {
-    NO_TIME_YET: "no valid time yet",
-    BACKWARDS: "the recorder's clock runs backwards",
-    NO_DATE: "time without a date",
-}
-
-_JUDGED = 1000
-"""Epochs from the start of the log that decide whether the recorder's clock is the recording's."""
-
-_NEARLY_ALL = 0.9
-_HELD = 100_000
-"""Epochs that wait for a date at most, where dates are carried backward."""
-
-Given = dict[int, tuple[Ints, Octets]]
-"""By protocol, times and verdicts of its next epochs."""
-
-
 class TimeAxis:
-    """Completes and follows what epochs claim; see :class:`DateCompleter` and :class:`ClockFollower`.
+    """Completes and follows what epochs claim: see :class:`DateCompleter`, :class:`ClockFollower`.
 
     Where at least nine of ten of the first thousand epochs have a receive time, the recorder's
     clock is the recording's; else what the receiver claims is.
@@ -318,11 +265,9 @@ class TimeAxis:
 
     def __init__(self, options: SerialOptions, protocols: tuple[str, ...]) -> None:
         self._options = options
-        self._calendar = DateCompleter(
-            options.date_ns(), options.date_backward, options.week_rollover
-        )
+        self._dates = DateCompleter(options.date_ns(), options.date_backward, options.week_rollover)
         self._interleaving = InterleavingCheck(protocols)
-        self._course: ClockFollower | None = None
+        self._follower: ClockFollower | None = None
         self._new: Columns = {}
         self._dated: Columns = {}
         self._by_recorder = False
@@ -330,7 +275,7 @@ class TimeAxis:
     @property
     def dateless(self) -> int:
         """How many times could not be completed."""
-        return self._calendar.dateless
+        return self._dates.dateless
 
     def push(self, protocol: int, epochs: Epochs) -> None:
         """Take a protocol's next epochs."""
@@ -340,7 +285,7 @@ class TimeAxis:
         }
         self._new = join(self._new, {"protocol": np.full(epochs.offset.size, protocol), **columns})
 
-    def advance(self, limit: int, last: bool) -> Given:
+    def advance(self, limit: int, last: bool) -> Decided:
         """Return what is decided, now that all epochs are known that start before an offset in the
         log.
 
@@ -349,15 +294,15 @@ class TimeAxis:
         """
         self._date(limit, last)
         if not self._dated or (
-            self._course is None and self._dated["offset"].size < _JUDGED and not last
+            self._follower is None and self._dated["offset"].size < _FIRST_EPOCHS and not last
         ):
             return {}
         dated = self._dated
-        if self._course is None:
-            self._course = self._begin(take(dated, slice(0, _JUDGED)))
+        if self._follower is None:
+            self._follower = self._begin(take(dated, slice(0, _FIRST_EPOCHS)))
         count = dated["offset"].size if last else self._decidable(limit)
         clock_ns = dated["receive_time_ns"] if self._by_recorder else dated["time_ns"]
-        times, verdicts = self._course.times(dated["protocol"], dated["offset"], clock_ns, count)
+        times, verdicts = self._follower.times(dated["protocol"], dated["offset"], clock_ns, count)
         decided = take(dated, slice(0, count))
         verdicts[
             (verdicts == NO_TIME_YET)
@@ -367,23 +312,23 @@ class TimeAxis:
         self._dated = take(dated, slice(count, None))
         if last:
             self._interleaving.finish()
-        mine = {
+        by_protocol = {
             number: decided["protocol"] == number
             for number in np.unique(decided["protocol"]).tolist()
         }
-        return {number: (times[rows], verdicts[rows]) for number, rows in mine.items()}
+        return {number: (times[rows], verdicts[rows]) for number, rows in by_protocol.items()}
 
     def about(self) -> dict[str, str]:
         """Return what the recording's metadata say of its clock."""
-        steps = self._course.steps if self._course else None
-        options, told = self._options, {"clock": "recorder" if self._by_recorder else "gnss"}
+        steps = self._follower.steps if self._follower else None
+        options, about = self._options, {"clock": "recorder" if self._by_recorder else "gnss"}
         if steps and steps.count:
-            told |= {"clock_step_count": str(steps.count), "clock_steps": json.dumps(steps.listed)}
-        if self._calendar.used_date and options.date:
-            told["reference_date"] = options.date
+            about |= {"clock_step_count": str(steps.count), "clock_steps": json.dumps(steps.listed)}
+        if self._dates.used_date and options.date:
+            about["reference_date"] = options.date
         if options.week_rollover:
-            told["week_rollover"] = str(options.week_rollover)
-        return told
+            about["week_rollover"] = str(options.week_rollover)
+        return about
 
     def _date(self, limit: int, last: bool) -> None:
         """Complete the times of the epochs that start before an offset, in file order."""
@@ -397,13 +342,13 @@ class TimeAxis:
         if (
             self._options.date_backward
             and not last
-            and ready < _HELD
-            and not self._calendar.has_anchor(claims)
+            and ready < _MAX_WAITING
+            and not self._dates.has_anchor(claims)
         ):
             self._new = new
             return
-        times = self._calendar.complete(claims)
-        self._interleaving.look(claims.protocol, times)
+        times = self._dates.complete(claims)
+        self._interleaving.check(claims.protocol, times)
         self._dated = join(self._dated, {**take(new, slice(0, ready)), "time_ns": times})
         self._new = take(new, slice(ready, None))
 
@@ -421,4 +366,4 @@ class TimeAxis:
         waiting = [
             near[protocol[near] == number][-AHEAD:][:1] for number in np.unique(protocol).tolist()
         ]
-        return int(min((int(places[0]) for places in waiting if places.size), default=offset.size))
+        return int(min((int(rows[0]) for rows in waiting if rows.size), default=offset.size))

@@ -1,7 +1,8 @@
 """Complete epochs on their way to rows, and what became of each of their frames."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,39 +24,50 @@ FieldColumns = dict[str, Any]
 """Columns by field: arrays, or ``Column`` where a number, a flag or a text may be absent."""
 
 
-class MessageFrames(NamedTuple):
-    """Frames of one message: their places in the batch, their epochs and their heads."""
+@dataclass(frozen=True, slots=True, eq=False)
+class MessageFrames:
+    """Frames of one message.
 
-    frames: Ints
+    Attributes:
+        index: int64 ``(k,)``, of each frame in the batch.
+        epoch: int64 ``(k,)``, of each frame.
+        head: structured ``(k,)``, the fields before its blocks.
+    """
+
+    index: Ints
     epoch: Ints
     head: NDArray[np.void]
 
     def take(self, rows: Bools) -> "MessageFrames":
         """Return the frames that a mask selects."""
-        return MessageFrames(self.frames[rows], self.epoch[rows], self.head[rows])
+        return MessageFrames(self.index[rows], self.epoch[rows], self.head[rows])
 
 
 class EpochBatch:
-    """The frames of complete epochs, which are numbered from 0.
+    """The frames of complete epochs, and what becomes of each.
 
-    ``conflicts`` counts solutions that differ from another of the same message in their epoch: what
-    a second receiver gives.
+    Attributes:
+        buffer: the frames, ``k`` of them.
+        epoch: int64 ``(k,)``, of each frame, from 0.
+        count: number of epochs.
+        conflicts: solutions that differ from another of the same message in their epoch, as those
+            of a second receiver do.
     """
 
-    def __init__(self, held: FrameBuffer, first: int, count: int) -> None:
-        self.held = held
-        self.epoch = held.epoch - first
+    def __init__(self, buffer: FrameBuffer, first: int, count: int) -> None:
+        self.buffer = buffer
+        self.epoch = buffer.epoch - first
         self.count = count
         self.conflicts = 0
-        self._fate = np.zeros(held.number.size, np.int8)
+        self._fate = np.zeros(buffer.number.size, np.int8)
         self._rejects: list[Rejects] = []
         self._once: dict[str, MessageFrames] = {}
 
     def all_of(self, name: str, layout: np.dtype[np.void] | None = None) -> MessageFrames:
         """Return all frames of a message, in file order."""
         number = NUMBER[name]
-        return self._picked(
-            np.flatnonzero(self.held.number == number), layout or MESSAGES[number].head
+        return self._read(
+            np.flatnonzero(self.buffer.number == number), layout or MESSAGES[number].head
         )
 
     def one_of(self, name: str) -> MessageFrames:
@@ -68,41 +80,43 @@ class EpochBatch:
 
     def _first_of(self, name: str) -> MessageFrames:
         number = NUMBER[name]
-        rows = np.flatnonzero(self.held.number == number)
-        epochs, first, place = np.unique(self.epoch[rows], return_index=True, return_inverse=True)
+        rows = np.flatnonzero(self.buffer.number == number)
+        epochs, first, owner = np.unique(self.epoch[rows], return_index=True, return_inverse=True)
         if first.size < rows.size:
             repeated = np.ones(rows.size, bool)
             repeated[first] = False
-            heads = self.held.heads(rows, MESSAGES[number].head)
+            heads = self.buffer.heads(rows, MESSAGES[number].head)
             if name in _SOLUTIONS:
                 self.conflicts += int(
-                    np.count_nonzero(heads[repeated] != heads[first[place[repeated]]])
+                    np.count_nonzero(heads[repeated] != heads[first[owner[repeated]]])
                 )
             self.refuse(rows[repeated], "repeated in its epoch")
             rows = rows[first]
             return MessageFrames(rows, epochs, heads[first])
-        return self._picked(rows, MESSAGES[number].head)
+        return self._read(rows, MESSAGES[number].head)
 
-    def _picked(self, rows: Ints, layout: np.dtype[np.void]) -> MessageFrames:
-        return MessageFrames(rows, self.epoch[rows], self.held.heads(rows, layout))
+    def _read(self, rows: Ints, layout: np.dtype[np.void]) -> MessageFrames:
+        return MessageFrames(rows, self.epoch[rows], self.buffer.heads(rows, layout))
 
-    def blocks(self, name: str, picked: MessageFrames) -> tuple[NDArray[np.void], Ints]:
-        """Return the blocks of these frames, and the place in ``picked`` of each."""
+    def blocks(self, name: str, frames: MessageFrames) -> tuple[NDArray[np.void], Ints]:
+        """Return all blocks of these frames, structured ``(b,)``, and which of the frames each is
+        of, int64 ``(b,)``.
+        """
         message = MESSAGES[NUMBER[name]]
         assert message.block is not None
-        return self.held.blocks(picked.frames, message.head.itemsize, message.block)
+        return self.buffer.blocks(frames.index, message.head.itemsize, message.block)
 
-    def use(self, frames: Ints) -> None:
+    def use(self, index: Ints) -> None:
         """Count these frames as having given rows."""
-        self._fate[frames] = _USED
+        self._fate[index] = _USED
 
-    def refuse(self, frames: Ints, reason: str) -> None:
+    def refuse(self, index: Ints, reason: str) -> None:
         """Reject these frames of one message."""
-        if frames.size:
-            self._fate[frames] = _REFUSED
-            name = MESSAGES[int(self.held.number[frames[0]])].name
+        if index.size:
+            self._fate[index] = _REFUSED
+            name = MESSAGES[int(self.buffer.number[index[0]])].name
             self._rejects.append(
-                Rejects(self.held.offset[frames], self.held.used[frames], f"UBX {name}: {reason}")
+                Rejects(self.buffer.offset[index], self.buffer.used[index], f"UBX {name}: {reason}")
             )
 
     def settle(self) -> tuple[Ints, list[Rejects]]:
@@ -114,20 +128,24 @@ class EpochBatch:
         completing = gave[self.epoch[undecided]]
         self._fate[undecided[completing]] = _USED
         lone = undecided[~completing]
-        for number in np.unique(self.held.number[lone]).tolist():
-            self.refuse(lone[self.held.number[lone] == number], "nothing in its epoch to complete")
-        used = np.bincount(self.epoch, np.where(self._fate == _USED, self.held.used, 0), self.count)
+        for number in np.unique(self.buffer.number[lone]).tolist():
+            self.refuse(
+                lone[self.buffer.number[lone] == number], "nothing in its epoch to complete"
+            )
+        used = np.bincount(
+            self.epoch, np.where(self._fate == _USED, self.buffer.used, 0), self.count
+        )
         return used.astype(np.int64), self._rejects
 
     def rows(
-        self, source: str, kind: str, frames: Ints, columns: FieldColumns, **times: Ints
+        self, source: str, kind: str, index: Ints, columns: FieldColumns, **times: Ints
     ) -> EpochRows:
         """Return rows of which each came from one frame."""
-        received = self.held.receive_time_ns[frames]
+        received = self.buffer.receive_time_ns[index]
         return EpochRows.of(
             source,
             kind,
-            self.epoch[frames],
+            self.epoch[index],
             columns,
             receive_time_ns=received if np.any(received != ABSENT_NS) else None,
             **times,

@@ -32,9 +32,9 @@ class UbxDecoder:
     protocol: Literal["ubx"] = "ubx"
 
     def __init__(self) -> None:
-        self._held = FrameBuffer.none()
+        self._buffer = FrameBuffer.none()
         self._grouper = Grouper()
-        self._clockwork, self._device, self._sensors = TimeReader(), Device(), UbxSensors()
+        self._time_reader, self._device, self._sensors = TimeReader(), Device(), UbxSensors()
         self._solutions = {"NAV": Solutions(), "NAV2": Solutions()}
         self._integrity = receiver.Integrity()
         self._emitted = 0  # epochs
@@ -50,7 +50,7 @@ class UbxDecoder:
         accepted, rejects = accept(frames)
         yield from rejects
         accepted = replace(accepted, epoch=self._grouper.assign(accepted))
-        self._held = self._held.join(accepted)
+        self._buffer = self._buffer.join(accepted)
         yield from self._emit(self._grouper.first_open)
 
     def finish(self) -> Iterator[Epochs | Rejects]:
@@ -68,9 +68,9 @@ class UbxDecoder:
 
     def _emit(self, end: int) -> Iterator[Epochs | Rejects]:
         """Yield the epochs before ``end``; keep the frames of the others."""
-        complete = self._held.epoch < end
-        ready = self._held.take(complete)
-        self._held = self._held.take(~complete).compact()
+        complete = self._buffer.epoch < end
+        ready = self._buffer.take(complete)
+        self._buffer = self._buffer.take(~complete).compact()
         if not ready.number.size:
             return
         first = self._emitted
@@ -82,10 +82,10 @@ class UbxDecoder:
         yield epochs
 
     def _decode(self, batch: EpochBatch) -> tuple[Epochs, list[Rejects]]:
-        claims = self._clockwork.read(batch)
+        times = self._time_reader.read(batch)
         rows: list[EpochRows] = []
         for system, source in (("NAV", "gnss0"), ("NAV2", "gnss1")):
-            rows += self._solutions[system].rows(batch, claims, system, source)
+            rows += self._solutions[system].rows(batch, times, system, source)
             rows += satellites.signals(batch, system, source)
             rows += receiver.clock(batch, system, source)
         rows += satellites.observations(batch, "gnss0")
@@ -94,54 +94,54 @@ class UbxDecoder:
         rows += self._integrity.rows(batch, "gnss0")
         rows += receiver.time_marks(batch, "gnss0")
         rows += inertial.navigation(batch, "ins0")
-        rows += inertial.high_rate(batch, claims, "ins1")
+        rows += inertial.high_rate(batch, times, "ins1")
         rows += self._sensors.rows(batch)
         self._device.read(batch)
         rows = EpochRows.by_topic(rows)
         self._sources.update(one.source for one in rows)
         used, rejects = batch.settle()
         opened, received = _begins(batch)
-        return Epochs(opened, claims.claimed_ns, claims.period_ns, received, used, rows), rejects
+        return Epochs(opened, times.claimed_ns, times.period_ns, received, used, rows), rejects
 
     def about(self) -> Mapping[str, Mapping[str, str]]:
         """Return, by source, what the messages tell of it; after :meth:`finish`."""
-        told: dict[str, dict[str, str]] = {source: {} for source in sorted(self._sources)}
-        for source in told:
-            told[source] |= {
+        about: dict[str, dict[str, str]] = {source: {} for source in sorted(self._sources)}
+        for source in about:
+            about[source] |= {
                 name: self._device.receiver[name]
                 for name in ("device", "firmware")
                 if name in self._device.receiver
             }
         fused = self._solutions["NAV"].fused or self._device.fused
-        if "gnss0" in told:
-            told["gnss0"] |= self._device.receiver
-            if self._clockwork.leap_s is not None:
-                told["gnss0"]["leap_seconds"] = str(self._clockwork.leap_s)
+        if "gnss0" in about:
+            about["gnss0"] |= self._device.receiver
+            if self._time_reader.leap_s is not None:
+                about["gnss0"]["leap_seconds"] = str(self._time_reader.leap_s)
             if fused or self._solutions["NAV"].fixed:
-                told["gnss0"]["solution"] = "fused" if fused else "gnss"
-        if "gnss1" in told:
-            told["gnss1"]["solution"] = "gnss"
+                about["gnss0"]["solution"] = "fused" if fused else "gnss"
+        if "gnss1" in about:
+            about["gnss1"]["solution"] = "gnss"
         for source in ("ins0", "ins1"):
-            if source in told:
-                told[source] |= {
+            if source in about:
+                about[source] |= {
                     "solution": "fused",
                     **self._device.fusion,
                     **self._device.alignment,
                 }
         for (message, number), source in self._sensors.sources.items():
-            if source in told:
-                told[source] |= {
+            if source in about:
+                about[source] |= {
                     "message": message,
                     "tick_basis": TICK_BASIS[message],
                     **({"provider": str(number)} if message == "ESF-MEAS" else {}),
                     **self._device.alignment,
                 }
-        return told
+        return about
 
 
 def _begins(batch: EpochBatch) -> tuple[np.ndarray, np.ndarray]:
     """Return offset and receive time of each epoch's first frame."""
     offset, received = np.zeros(batch.count, np.int64), np.full(batch.count, ABSENT_NS)
-    offset[batch.epoch[::-1]] = batch.held.offset[::-1]
-    received[batch.epoch[::-1]] = batch.held.receive_time_ns[::-1]
+    offset[batch.epoch[::-1]] = batch.buffer.offset[::-1]
+    received[batch.epoch[::-1]] = batch.buffer.receive_time_ns[::-1]
     return offset, received

@@ -140,7 +140,7 @@ def accept(frames: Frames) -> tuple[FrameBuffer, list[Rejects]]:
         *_reject(frames, key, known & ~polls & ~fits, "length not known"),
     ]
     nothing = np.full(starts.size, -1)
-    held = FrameBuffer(
+    buffer = FrameBuffer(
         octets,
         number,
         starts,
@@ -151,7 +151,7 @@ def accept(frames: Frames) -> tuple[FrameBuffer, list[Rejects]]:
         nothing,
         nothing,
     ).take(fits)
-    return replace(held, time_ms=_times(held)), rejects
+    return replace(buffer, time_ms=_times(buffer)), rejects
 
 
 def _length_is_known(octets: Octets, start: Ints, size: Ints, number: Ints) -> Bools:
@@ -164,8 +164,8 @@ def _length_is_known(octets: Octets, start: Ints, size: Ints, number: Ints) -> B
     rest = size - base
     known[~fixed] = ((rest >= 0) & (rest % np.maximum(block, 1) == 0))[~fixed]
     counted = known & (_COUNT_AT[number] >= 0)
-    told = octets[start[counted] + _COUNT_AT[number[counted]]]
-    known[counted] = told == rest[counted] // block[counted]
+    reported = octets[start[counted] + _COUNT_AT[number[counted]]]
+    known[counted] = reported == rest[counted] // block[counted]
     for name, check in (("ESF-MEAS", _measurements), ("SEC-SIG", _security)):
         rows = np.flatnonzero(known & (number == NUMBER[name]))
         known[rows] = check(pieces(octets, start[rows], _BASE[NUMBER[name]]), size[rows])
@@ -177,8 +177,8 @@ def _measurements(head: Octets, size: Ints) -> Bools:
     told no number.
     """
     flags = head[:, 4].astype(np.int64) | head[:, 5].astype(np.int64) << 8
-    told, tagged = flags >> 11, flags >> 3 & 1
-    return np.asarray((told + tagged == (size - 8) // 4) | (told == 0))
+    reported, tagged = flags >> 11, flags >> 3 & 1
+    return np.asarray((reported + tagged == (size - 8) // 4) | (reported == 0))
 
 
 def _security(head: Octets, size: Ints) -> Bools:
@@ -188,26 +188,26 @@ def _security(head: Octets, size: Ints) -> Bools:
     )
 
 
-def _times(held: FrameBuffer) -> Ints:
-    times = np.full(held.number.size, -1)
+def _times(buffer: FrameBuffer) -> Ints:
+    times = np.full(buffer.number.size, -1)
     for number, message in enumerate(MESSAGES):
         if not message.time:
             continue
-        rows = np.flatnonzero(held.number == number)
+        rows = np.flatnonzero(buffer.number == number)
         if rows.size:
-            times[rows] = _time_of(held, rows, message)
+            times[rows] = _time_of(buffer, rows, message)
     return times
 
 
-def _time_of(held: FrameBuffer, rows: Ints, message: Message) -> Ints:
+def _time_of(buffer: FrameBuffer, rows: Ints, message: Message) -> Ints:
     kind, at = message.head[message.time], offset_in(message.head, message.time)
-    told = pieces(held.octets, held.start[rows] + at, kind.itemsize).view(kind)[:, 0]
+    reported = pieces(buffer.octets, buffer.start[rows] + at, kind.itemsize).view(kind)[:, 0]
     if message.name == "RXM-RAWX":
-        within = (told >= 0) & (told < 604_801)
-        return np.where(within, np.rint(np.where(within, told, 0) * 1e3), -1).astype(np.int64)
-    times = told.astype(np.int64)
+        within = (reported >= 0) & (reported < 604_801)
+        return np.where(within, np.rint(np.where(within, reported, 0) * 1e3), -1).astype(np.int64)
+    times = reported.astype(np.int64)
     if message.name == "RXM-MEASX":
-        unset = held.octets[held.start[rows] + offset_in(message.head, "flags")] & 3 == 0
+        unset = buffer.octets[buffer.start[rows] + offset_in(message.head, "flags")] & 3 == 0
         times[unset] = -1
     return np.maximum(times, -1) if message.role == Role.RAW else times
 

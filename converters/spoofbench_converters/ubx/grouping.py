@@ -76,20 +76,20 @@ class Grouper:
         """The number after the latest epoch's."""
         return self._latest + 1
 
-    def assign(self, held: FrameBuffer) -> Ints:
+    def assign(self, buffer: FrameBuffer) -> Ints:
         """Return the epoch of each frame, int64 ``(k,)``."""
-        if not held.number.size:
-            return held.epoch
-        tells, raw, times = self._anchors(ROLES[held.number], held.time_ms)
+        if not buffer.number.size:
+            return buffer.epoch
+        tells, raw, times = self._anchors(ROLES[buffer.number], buffer.time_ms)
         begins = self._begins(tells, raw, times)
-        self._cut(begins, tells, held.used)
+        self._cut(begins, tells, buffer.used)
         runs = self._run + np.cumsum(begins)
         epochs = self._epochs(runs, tells, raw, times)
         epoch = epochs[runs - self._run]
         latest = np.maximum(np.maximum.accumulate(epoch), self._latest)
         self._run, self._latest = int(runs[-1]), int(latest[-1])
         self._open = [group for group in self._open if group.first_run >= self._run - LATE_RUNS]
-        return np.where(tells | (ROLES[held.number] == Role.RAW), epoch, latest)
+        return np.where(tells | (ROLES[buffer.number] == Role.RAW), epoch, latest)
 
     def _anchors(self, roles: Ints, told: Ints) -> tuple[Bools, Bools, Ints]:
         """Which frames decide on their epoch, which of them are raw, and the time that they bear,

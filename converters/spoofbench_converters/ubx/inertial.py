@@ -48,7 +48,10 @@ descriptions reserve, if they are there."""
 
 TICK_BASIS = {
     "ESF-MEAS": "1 ms, as receivers stamp their own sensors; not documented",
-    "ESF-RAW": f"1 ms of each message's reserved field, within it {_RAW_TICK_NS / 1e3:g} us, of the BMI160; not documented",
+    "ESF-RAW": (
+        f"1 ms of each message's reserved field, within it {_RAW_TICK_NS / 1e3:g} us, of the "
+        "BMI160; not documented"
+    ),
 }
 """How long a tick of each message is taken to be, and why."""
 
@@ -97,7 +100,7 @@ class UbxSensors:
             measured.head["id"],
             [number for message, number in self.sources if message == "ESF-MEAS"],
         )
-        batch.refuse(measured.frames[~numbered], f"of a data provider beyond {MAX_SOURCES} sources")
+        batch.refuse(measured.index[~numbered], f"of a data provider beyond {MAX_SOURCES} sources")
         measured = measured.take(numbered)
         found = []
         for message, number in self.sources:
@@ -105,72 +108,72 @@ class UbxSensors:
                 found += self._raw(batch, raw)
             else:
                 found += self._measured(batch, measured.take(measured.head["id"] == number), number)
-        for picked in (measured, raw):
-            gave = np.zeros(batch.held.number.size, bool)
+        for frames in (measured, raw):
+            gave = np.zeros(batch.buffer.number.size, bool)
             for one in found:
-                gave[one.frames] = True
-            batch.use(picked.frames[gave[picked.frames]])
-            batch.refuse(picked.frames[~gave[picked.frames]], "no data of a type in the schema")
+                gave[one.index] = True
+            batch.use(frames.index[gave[frames.index]])
+            batch.refuse(frames.index[~gave[frames.index]], "no data of a type in the schema")
         return [one.rows for one in found]
 
     def _appear(self, measured: MessageFrames, raw: MessageFrames) -> None:
         """Number the sources that appear for the first time."""
         numbers, first = np.unique(measured.head["id"], return_index=True)
         begins = {
-            ("ESF-MEAS", int(number)): int(measured.frames[place])
-            for number, place in zip(numbers, first, strict=True)
+            ("ESF-MEAS", int(number)): int(measured.index[owner])
+            for number, owner in zip(numbers, first, strict=True)
         }
-        if raw.frames.size:
-            begins["ESF-RAW", 0] = int(raw.frames[0])
+        if raw.index.size:
+            begins["ESF-RAW", 0] = int(raw.index[0])
         for key in sorted(begins, key=begins.__getitem__):
             if key not in self.sources and len(self.sources) < MAX_SOURCES:
                 self.sources[key] = f"imu{len(self.sources)}"
                 self._counters[key] = _Counter()
 
     def _measured(
-        self, batch: EpochBatch, picked: MessageFrames, number: int
+        self, batch: EpochBatch, frames: MessageFrames, number: int
     ) -> "list[_SensorRows]":
-        if not picked.frames.size:
+        if not frames.index.size:
             return []
         key = "ESF-MEAS", number
-        blocks, place = batch.blocks("ESF-MEAS", picked)
-        ends = np.ones(place.size, bool)
-        ends[:-1] = place[1:] != place[:-1]
+        blocks, owner = batch.blocks("ESF-MEAS", frames)
+        ends = np.ones(owner.size, bool)
+        ends[:-1] = owner[1:] != owner[:-1]
         data = ~(
-            ends & (picked.head["flags"][place] & 8 > 0)
+            ends & (frames.head["flags"][owner] & 8 > 0)
         )  # a last word may be the time tag in the receiver's clock
-        ticks = self._counters[key].unwrap(picked.head["timeTag"].astype(np.int64)) * MS_NS
-        place = place[data]
+        ticks = self._counters[key].unwrap(frames.head["timeTag"].astype(np.int64)) * MS_NS
+        owner = owner[data]
         return _rows(
-            batch, self.sources[key], picked.frames[place], ticks[place], blocks["data"][data]
+            batch, self.sources[key], frames.index[owner], ticks[owner], blocks["data"][data]
         )
 
-    def _raw(self, batch: EpochBatch, picked: MessageFrames) -> "list[_SensorRows]":
+    def _raw(self, batch: EpochBatch, frames: MessageFrames) -> "list[_SensorRows]":
         key = "ESF-RAW", 0
-        blocks, place = batch.blocks("ESF-RAW", picked)
+        blocks, owner = batch.blocks("ESF-RAW", frames)
         if not blocks.size:
             return []
         tags = blocks["sTtag"].astype(np.int64) & ((1 << _RAW_BITS) - 1)
-        first = np.flatnonzero(np.diff(place, prepend=-1))
-        message = np.cumsum(np.diff(place, prepend=-1) > 0) - 1
-        clock_ms = picked.head["msss"][place[first]].astype(np.int64)
-        told = clock_ms > 0
+        first = np.flatnonzero(np.diff(owner, prepend=-1))
+        message = np.cumsum(np.diff(owner, prepend=-1) > 0) - 1
+        clock_ms = frames.head["msss"][owner[first]].astype(np.int64)
+        reported = clock_ms > 0
         start_ns = np.zeros(first.size, np.int64)
-        start_ns[told] = self._counters[key].unwrap(clock_ms[told]) * MS_NS
-        start_ns[~told] = np.rint(self._raw_tags.unwrap(tags[first][~told]) * _RAW_TICK_NS)
+        start_ns[reported] = self._counters[key].unwrap(clock_ms[reported]) * MS_NS
+        start_ns[~reported] = np.rint(self._raw_tags.unwrap(tags[first][~reported]) * _RAW_TICK_NS)
         since = wrap_difference(tags - tags[first][message], 1 << _RAW_BITS)
         ticks = start_ns[message] + np.rint(since * _RAW_TICK_NS).astype(np.int64)
-        return _rows(batch, self.sources[key], picked.frames[place], ticks, blocks["data"])
+        return _rows(batch, self.sources[key], frames.index[owner], ticks, blocks["data"])
 
 
 @dataclass(frozen=True, slots=True)
 class _SensorRows:
     rows: EpochRows
-    frames: Ints
+    index: Ints
 
 
 def _rows(
-    batch: EpochBatch, source: str, frames: Ints, ticks: Ints, words: NDArray[np.uint32]
+    batch: EpochBatch, source: str, index: Ints, ticks: Ints, words: NDArray[np.uint32]
 ) -> list[_SensorRows]:
     """Return rows of data words: types in the upper 6 or 8 bits, signed values in the lower 24."""
     kind = (words >> 24 & 63).astype(np.int64)
@@ -181,14 +184,14 @@ def _rows(
         first, row = _instants(ticks[sensed], kind[sensed])
         columns: FieldColumns = {name: np.full(first.size, np.nan) for name, _ in _FIELDS.values()}
         for number, (name, scale) in _FIELDS.items():
-            mine = kind[sensed] == number
-            columns[name][row[mine]] = value[sensed][mine] * scale
+            chosen = kind[sensed] == number
+            columns[name][row[chosen]] = value[sensed][chosen] * scale
         found.append(
             _SensorRows(
                 batch.rows(
-                    source, "imu", frames[sensed][first], columns, tick_ns=ticks[sensed][first]
+                    source, "imu", index[sensed][first], columns, tick_ns=ticks[sensed][first]
                 ),
-                frames[sensed],
+                index[sensed],
             )
         )
     rolled = (kind == _SPEED) | np.isin(kind, list(_WHEELS))
@@ -203,8 +206,8 @@ def _rows(
         }
         found.append(
             _SensorRows(
-                batch.rows(source, "odometer", frames[rolled], columns, tick_ns=ticks[rolled]),
-                frames[rolled],
+                batch.rows(source, "odometer", index[rolled], columns, tick_ns=ticks[rolled]),
+                index[rolled],
             )
         )
     return found
@@ -267,35 +270,38 @@ def navigation(batch: EpochBatch, source: str) -> list[EpochRows]:
     heading, where any value is valid.
     """
     fields = EpochColumns(batch.count)
-    picked = {name: batch.one_of(name) for name in ("NAV-ATT", "ESF-INS", "NAV-PVAT", "NAV-PVT")}
-    fields.fill(picked["NAV-ATT"].epoch, **angles(picked["NAV-ATT"].head))
-    fields.fill(picked["ESF-INS"].epoch, **rates(picked["ESF-INS"].head))
-    _vehicle(fields, picked["NAV-PVAT"])
-    pvt = picked["NAV-PVT"]
+    frames = {name: batch.one_of(name) for name in ("NAV-ATT", "ESF-INS", "NAV-PVAT", "NAV-PVT")}
+    fields.fill(frames["NAV-ATT"].epoch, **angles(frames["NAV-ATT"].head))
+    fields.fill(frames["ESF-INS"].epoch, **rates(frames["ESF-INS"].head))
+    _vehicle(fields, frames["NAV-PVAT"])
+    pvt = frames["NAV-PVT"]
     fields.fill(
         pvt.epoch, yaw_deg=np.where(pvt.head["flags"] & 32 > 0, pvt.head["headVeh"] * 1e-5, np.nan)
     )
-    told = np.zeros(batch.count, bool)
+    reported = np.zeros(batch.count, bool)
     for name in fields:
-        told |= ~np.isnan(fields[name])
+        reported |= ~np.isnan(fields[name])
     for name in ("NAV-ATT", "ESF-INS"):
-        valid = np.zeros(picked[name].frames.size, bool)
-        for values in (angles if name == "NAV-ATT" else rates)(picked[name].head).values():
+        valid = np.zeros(frames[name].index.size, bool)
+        for values in (angles if name == "NAV-ATT" else rates)(frames[name].head).values():
             valid |= ~np.isnan(values)
-        batch.use(picked[name].frames[valid])
-        batch.refuse(picked[name].frames[~valid], _NO_VALUE)
-    if not told.any():
+        batch.use(frames[name].index[valid])
+        batch.refuse(frames[name].index[~valid], _NO_VALUE)
+    if not reported.any():
         return []
     return [
         EpochRows.of(
-            source, "ins/pva", np.flatnonzero(told), {name: fields[name][told] for name in fields}
+            source,
+            "ins/pva",
+            np.flatnonzero(reported),
+            {name: fields[name][reported] for name in fields},
         )
     ]
 
 
-def _vehicle(fields: EpochColumns, picked: MessageFrames) -> None:
+def _vehicle(fields: EpochColumns, frames: MessageFrames) -> None:
     """Take position, velocity and the valid angles of NAV-PVAT where it has a fix."""
-    head, epoch = picked.head, picked.epoch
+    head, epoch = frames.head, frames.epoch
     flags = head["flags"]
     none = (flags & 1 == 0) | (head["fixType"] == 0)
     fields.fill_together(epoch, **llh(head, none))
@@ -324,49 +330,49 @@ def _vehicle(fields: EpochColumns, picked: MessageFrames) -> None:
     fields.fill(epoch, attitude_acc_deg=largest)
 
 
-def high_rate(batch: EpochBatch, claims: EpochTimes, source: str) -> list[EpochRows]:
+def high_rate(batch: EpochBatch, times: EpochTimes, source: str) -> list[EpochRows]:
     """Return one row per instant of HNR-PVT, HNR-ATT and HNR-INS, where any value is valid.
 
     HNR-PVT has the speed over ground and no components of velocity, which the schema's row cannot
     hold.
     """
-    picked = [batch.all_of(name) for name in ("HNR-PVT", "HNR-ATT", "HNR-INS")]
-    epoch = np.concatenate([one.epoch for one in picked])
+    frames = [batch.all_of(name) for name in ("HNR-PVT", "HNR-ATT", "HNR-INS")]
+    epoch = np.concatenate([one.epoch for one in frames])
     if not epoch.size:
         return []
-    time = np.concatenate([one.head["iTOW"] for one in picked]).astype(np.int64)
-    frames = np.concatenate([one.frames for one in picked])
-    instants, place = _high_rate_instants(frames, epoch, time)
+    time = np.concatenate([one.head["iTOW"] for one in frames]).astype(np.int64)
+    index = np.concatenate([one.index for one in frames])
+    instants, owner = _high_rate_instants(index, epoch, time)
     fields = EpochColumns(instants.size)
-    valid = np.zeros(frames.size, bool)
+    valid = np.zeros(index.size, bool)
     start = 0
-    for one, read in zip(picked, (_high_rate_pvt, angles, rates), strict=True):
-        mine = slice(start, start + one.frames.size)
+    for one, read in zip(frames, (_high_rate_pvt, angles, rates), strict=True):
+        chosen = slice(start, start + one.index.size)
         for name, values in read(one.head).items():
-            fields.fill(place[mine], **{name: values})
-            valid[mine] |= ~np.isnan(values)
-        start += one.frames.size
-    batch.use(frames[valid])
-    for one in picked:
-        batch.refuse(one.frames[~np.isin(one.frames, frames[valid])], _NO_VALUE)
-    told = np.isin(np.arange(instants.size), place[valid])
-    first = instants[told]
-    after = wrap_difference(time[first] - np.maximum(claims.time_ms[epoch[first]], 0), WEEK_MS)
-    columns = {name: fields[name][told] for name in fields}
-    return [batch.rows(source, "ins/pva", frames[first], columns, offset_ns=after * MS_NS)]
+            fields.fill(owner[chosen], **{name: values})
+            valid[chosen] |= ~np.isnan(values)
+        start += one.index.size
+    batch.use(index[valid])
+    for one in frames:
+        batch.refuse(one.index[~np.isin(one.index, index[valid])], _NO_VALUE)
+    reported = np.isin(np.arange(instants.size), owner[valid])
+    first = instants[reported]
+    after = wrap_difference(time[first] - np.maximum(times.time_ms[epoch[first]], 0), WEEK_MS)
+    columns = {name: fields[name][reported] for name in fields}
+    return [batch.rows(source, "ins/pva", index[first], columns, offset_ns=after * MS_NS)]
 
 
-def _high_rate_instants(frames: Ints, epoch: Ints, time: Ints) -> tuple[Ints, Ints]:
+def _high_rate_instants(index: Ints, epoch: Ints, time: Ints) -> tuple[Ints, Ints]:
     """Return the first frame of each instant within its epoch, in file order, and the instant of
     each frame.
     """
-    order = np.argsort(frames, kind="stable")
+    order = np.argsort(index, kind="stable")
     pairs = np.stack([epoch[order], time[order]])
     _, first, inverse = np.unique(pairs, axis=1, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
-    place = np.empty(frames.size, np.int64)
-    place[order] = rank[inverse.ravel()]
-    return order[np.sort(first)], place
+    owner = np.empty(index.size, np.int64)
+    owner[order] = rank[inverse.ravel()]
+    return order[np.sort(first)], owner
 
 
 def _high_rate_pvt(head: NDArray[np.void]) -> dict[str, Floats]:

@@ -106,8 +106,14 @@ _HEADS = {
     ),
     "NAV-VELECEF": "iTOW:u4 ecefVX:i4 ecefVY:i4 ecefVZ:i4 sAcc:u4",
     "NAV-VELNED": f"iTOW:u4 {_NED} speed:u4 gSpeed:u4 heading:i4 sAcc:u4 cAcc:u4",
-    "NAV-HPPOSECEF": "version:u1 _:3 iTOW:u4 ecefX:i4 ecefY:i4 ecefZ:i4 ecefXHp:i1 ecefYHp:i1 ecefZHp:i1 flags:u1 pAcc:u4",
-    "NAV-HPPOSLLH": f"version:u1 _:2 flags:u1 iTOW:u4 {_LLH} lonHp:i1 latHp:i1 heightHp:i1 hMSLHp:i1 hAcc:u4 vAcc:u4",
+    "NAV-HPPOSECEF": (
+        "version:u1 _:3 iTOW:u4 ecefX:i4 ecefY:i4 ecefZ:i4 ecefXHp:i1 ecefYHp:i1 ecefZHp:i1 "
+        "flags:u1 pAcc:u4"
+    ),
+    "NAV-HPPOSLLH": (
+        f"version:u1 _:2 flags:u1 iTOW:u4 {_LLH} lonHp:i1 latHp:i1 heightHp:i1 hMSLHp:i1 "
+        "hAcc:u4 vAcc:u4"
+    ),
     "NAV-PVAT": (
         "iTOW:u4 version:u1 valid:u1 year:u2 month:u1 day:u1 hour:u1 min:u1 sec:u1 _:3 tAcc:u4 "
         "nano:i4 fixType:u1 flags:u1 flags2:u1"
@@ -139,12 +145,20 @@ _HEADS = {
     ),
     "RXM-RAWX": "rcvTow:f8 week:u2 leapS:i1 numMeas:u1 recStat:u1 version:u1 _:2",
     "MON-VER": "swVersion:S30 hwVersion:S10",
-    "MON-HW": "pinSel:u4 pinBank:u4 pinDir:u4 pinVal:u4 noisePerMS:u2 agcCnt:u2 aStatus:u1 aPower:u1 flags:u1 _:22 jamInd:u1 _:14",
+    "MON-HW": (
+        "pinSel:u4 pinBank:u4 pinDir:u4 pinVal:u4 noisePerMS:u2 agcCnt:u2 aStatus:u1 aPower:u1 "
+        "flags:u1 _:22 jamInd:u1 _:14"
+    ),
     "MON-RF": "version:u1 nBlocks:u1 recInf:u1 _:1",
-    "TIM-TM2": "ch:u1 flags:u1 count:u2 wnR:u2 wnF:u2 towMsR:u4 towSubMsR:u4 towMsF:u4 towSubMsF:u4 accEst:u4",
+    "TIM-TM2": (
+        "ch:u1 flags:u1 count:u2 wnR:u2 wnF:u2 towMsR:u4 towSubMsR:u4 towMsF:u4 towSubMsF:u4 "
+        "accEst:u4"
+    ),
     "ESF-MEAS": "timeTag:u4 flags:u2 id:u2",
     "ESF-RAW": "msss:u4",
-    "ESF-STATUS": "iTOW:u4 version:u1 initStatus1:u1 initStatus2:u1 _:5 fusionMode:u1 _:2 numSens:u1",
+    "ESF-STATUS": (
+        "iTOW:u4 version:u1 initStatus1:u1 initStatus2:u1 _:5 fusionMode:u1 _:2 numSens:u1"
+    ),
     "ESF-ALG": "iTOW:u4 version:u1 flags:u1 error:u1 _:1 yaw:u4 pitch:i2 roll:i2",
     "ESF-INS": f"flags:u4 _:4 iTOW:u4 {_RATES}",
     "SEC-SIG": "version:u1 flags:u1 _:1 jamNumCentFreqs:u1",
@@ -160,7 +174,10 @@ _HEADS = {
 _BLOCKS = {
     "NAV-SVINFO": "chn:u1 svid:u1 flags:u1 quality:u1 cno:u1 elev:i1 azim:i2 prRes:i4",
     "NAV-SAT": "gnssId:u1 svId:u1 cno:u1 elev:i1 azim:i2 prRes:i2 flags:u4",
-    "NAV-SIG": "gnssId:u1 svId:u1 sigId:u1 freqId:u1 prRes:i2 cno:u1 qualityInd:u1 corrSource:u1 ionoModel:u1 sigFlags:u2 _:4",
+    "NAV-SIG": (
+        "gnssId:u1 svId:u1 sigId:u1 freqId:u1 prRes:i2 cno:u1 qualityInd:u1 corrSource:u1 "
+        "ionoModel:u1 sigFlags:u2 _:4"
+    ),
     "RXM-RAW": "cpMes:f8 prMes:f8 doMes:f4 sv:u1 mesQI:i1 cno:i1 lli:u1",
     "RXM-SFRBX": "dwrd:u4",
     "RXM-MEASX": (

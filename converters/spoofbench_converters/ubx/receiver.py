@@ -47,18 +47,18 @@ _TIME_BASES = ("receiver", "gnss", "utc")
 
 def clock(batch: EpochBatch, system: str, source: str) -> list[EpochRows]:
     """Return ``gnss/clock`` rows of NAV-CLOCK: ns, ns/s, ns and ps/s."""
-    picked = batch.one_of(f"{system}-CLOCK")
-    if not picked.frames.size:
+    frames = batch.one_of(f"{system}-CLOCK")
+    if not frames.index.size:
         return []
-    batch.use(picked.frames)
-    head = picked.head
+    batch.use(frames.index)
+    head = frames.head
     columns: FieldColumns = {
         "bias_s": scaled(head["clkB"], 1e-9),
         "drift_sps": scaled(head["clkD"], 1e-9),
         "acc_s": scaled(head["tAcc"], 1e-9, NO_ACCURACY),
         "drift_acc_sps": scaled(head["fAcc"], 1e-12, NO_ACCURACY),
     }
-    return [batch.rows(source, "gnss/clock", picked.frames, columns)]
+    return [batch.rows(source, "gnss/clock", frames.index, columns)]
 
 
 def front_end(batch: EpochBatch, source: str) -> list[EpochRows]:
@@ -69,23 +69,23 @@ def front_end(batch: EpochBatch, source: str) -> list[EpochRows]:
     by their number.
     """
     found = []
-    picked = batch.all_of("MON-RF")
-    blocks, place = batch.blocks("MON-RF", picked)
-    if picked.frames.size:
-        batch.use(picked.frames)
+    frames = batch.all_of("MON-RF")
+    blocks, owner = batch.blocks("MON-RF", frames)
+    if frames.index.size:
+        batch.use(frames.index)
         words = ("L1", *(str(number) for number in range(1, 256)))
         band = Column(blocks["blockId"].astype(np.int32), None, words)
         found.append(
-            batch.rows(source, "gnss/rf", picked.frames[place], {"band": band} | _gain(blocks))
+            batch.rows(source, "gnss/rf", frames.index[owner], {"band": band} | _gain(blocks))
         )
-    frames, head = _hardware(batch)
-    told = np.isin(batch.epoch[frames], picked.epoch)
-    batch.refuse(frames[told], "told by MON-RF of its epoch")
-    if not told.all():
-        batch.use(frames[~told])
-        band = Column(np.zeros(np.count_nonzero(~told), np.int32), None, ("L1",))
+    index, head = _hardware(batch)
+    reported = np.isin(batch.epoch[index], frames.epoch)
+    batch.refuse(index[reported], "told by MON-RF of its epoch")
+    if not reported.all():
+        batch.use(index[~reported])
+        band = Column(np.zeros(np.count_nonzero(~reported), np.int32), None, ("L1",))
         found.append(
-            batch.rows(source, "gnss/rf", frames[~told], {"band": band} | _gain(head[~told]))
+            batch.rows(source, "gnss/rf", index[~reported], {"band": band} | _gain(head[~reported]))
         )
     return found
 
@@ -102,11 +102,11 @@ def _hardware(batch: EpochBatch) -> tuple[Ints, NDArray[np.void]]:
     """Return the frames of MON-HW, and the fields that its two layouts share."""
     new, old = batch.all_of("MON-HW"), batch.all_of("MON-HW", MON_HW_6)
     names = ["noisePerMS", "agcCnt", "flags", "jamInd"]
-    head = np.zeros(new.frames.size, [(name, new.head.dtype[name]) for name in names])
-    before_8 = batch.held.size[new.frames] == _HW_6_BYTES
+    head = np.zeros(new.index.size, [(name, new.head.dtype[name]) for name in names])
+    before_8 = batch.buffer.size[new.index] == _HW_6_BYTES
     for name in names:
         head[name] = np.where(before_8, old.head[name], new.head[name])
-    return new.frames, head
+    return new.index, head
 
 
 class Integrity:
@@ -134,11 +134,11 @@ class Integrity:
         older = np.zeros(batch.count, bool)
         if not self._has_security:
             older[: int(security.epoch.min()) if security.epoch.size else batch.count] = True
-        if security.frames.size:
+        if security.index.size:
             self._has_security = True
-            batch.use(security.frames)
+            batch.use(security.index)
             found.append(
-                batch.rows(source, "gnss/integrity", security.frames, _security(security.head))
+                batch.rows(source, "gnss/integrity", security.index, _security(security.head))
             )
         return [*_older(batch, older, source), *found, *_events(batch, source)]
 
@@ -157,8 +157,8 @@ def _security(head: NDArray[np.void]) -> FieldColumns:
     }
 
 
-def _state(states: NDArray[np.integer], told: NDArray[np.integer]) -> NDArray[np.integer]:
-    return np.where(told < states.size, states[np.minimum(told, states.size - 1)], 0)
+def _state(states: NDArray[np.integer], reported: NDArray[np.integer]) -> NDArray[np.integer]:
+    return np.where(reported < states.size, states[np.minimum(reported, states.size - 1)], 0)
 
 
 def _older(batch: EpochBatch, wanted: Bools, source: str) -> list[EpochRows]:
@@ -166,11 +166,11 @@ def _older(batch: EpochBatch, wanted: Bools, source: str) -> list[EpochRows]:
     spoofing, jamming = np.full(batch.count, -1), np.full(batch.count, -1)
     raw, frame = np.zeros(batch.count, np.int64), np.full(batch.count, -1)
     rf = batch.all_of("MON-RF")
-    blocks, place = batch.blocks("MON-RF", rf)
-    frames, head = _hardware(batch)
+    blocks, owner = batch.blocks("MON-RF", rf)
+    index, head = _hardware(batch)
     for epoch, rows, flags, state in (
-        (rf.epoch[place], rf.frames[place], blocks["flags"], blocks["flags"] & 3),
-        (batch.epoch[frames], frames, head["flags"], head["flags"] >> 2 & 3),
+        (rf.epoch[owner], rf.index[owner], blocks["flags"], blocks["flags"] & 3),
+        (batch.epoch[index], index, head["flags"], head["flags"] >> 2 & 3),
     ):
         order = np.argsort(state, kind="stable")  # of one epoch's, the worst is written last
         jamming[epoch[order]] = _state(_JAMMING, state)[order]
@@ -180,17 +180,17 @@ def _older(batch: EpochBatch, wanted: Bools, source: str) -> list[EpochRows]:
     flags = status.head["flags2"]
     spoofing[status.epoch] = _state(_SPOOFING, flags >> 3 & 3)
     raw[status.epoch] |= flags
-    frame[status.epoch] = status.frames
-    told = np.flatnonzero(wanted & (frame >= 0))
-    if not told.size:
+    frame[status.epoch] = status.index
+    reported = np.flatnonzero(wanted & (frame >= 0))
+    if not reported.size:
         return []
-    batch.use(frame[told])
+    batch.use(frame[reported])
     columns: FieldColumns = {
-        "spoofing": Column(np.maximum(spoofing[told], 0), spoofing[told] >= 0),
-        "jamming": Column(np.maximum(jamming[told], 0), jamming[told] >= 0),
-        "raw": raw[told],
+        "spoofing": Column(np.maximum(spoofing[reported], 0), spoofing[reported] >= 0),
+        "jamming": Column(np.maximum(jamming[reported], 0), jamming[reported] >= 0),
+        "raw": raw[reported],
     }
-    return [batch.rows(source, "gnss/integrity", frame[told], columns)]
+    return [batch.rows(source, "gnss/integrity", frame[reported], columns)]
 
 
 def _events(batch: EpochBatch, source: str) -> list[EpochRows]:
@@ -199,17 +199,17 @@ def _events(batch: EpochBatch, source: str) -> list[EpochRows]:
     A report lists past events again and again; those that are older were either reported before or
     lie before the log.
     """
-    picked = batch.all_of("SEC-SIGLOG")
-    blocks, place = batch.blocks("SEC-SIGLOG", picked)
+    frames = batch.all_of("SEC-SIGLOG")
+    blocks, owner = batch.blocks("SEC-SIGLOG", frames)
     fresh = (
         (blocks["timeElapsed"] <= 1)
         & (blocks["eventType"] <= _SIGLOG_STOPPED)
         & (blocks["detectionType"] < _SIGLOG_KINDS)
     )
-    frames = picked.frames[place[fresh]]
-    batch.use(frames)
-    batch.refuse(np.setdiff1d(picked.frames, frames), "no event within the last second")
-    if not frames.size:
+    index = frames.index[owner[fresh]]
+    batch.use(index)
+    batch.refuse(np.setdiff1d(frames.index, index), "no event within the last second")
+    if not index.size:
         return []
     event = blocks[fresh]
     began = event["eventType"] == _SIGLOG_STARTED
@@ -219,22 +219,22 @@ def _events(batch: EpochBatch, source: str) -> list[EpochRows]:
         ),
         "raw": event["detectionType"].astype(np.int64) | event["eventType"].astype(np.int64) << 8,
     }
-    return [batch.rows(source, "gnss/integrity", frames, columns)]
+    return [batch.rows(source, "gnss/integrity", index, columns)]
 
 
 def time_marks(batch: EpochBatch, source: str) -> list[EpochRows]:
     """Return ``gnss/timemark`` rows of TIM-TM2: the edges that are new, in its week and time of
     week where its time is valid.
     """
-    picked = batch.all_of("TIM-TM2")
-    flags = picked.head["flags"]
+    frames = batch.all_of("TIM-TM2")
+    flags = frames.head["flags"]
     rising, falling, valid = flags & 128 > 0, flags & 4 > 0, flags & 64 > 0
-    batch.refuse(picked.frames[~(rising | falling)], "no new edge")
+    batch.refuse(frames.index[~(rising | falling)], "no new edge")
     keep = rising | falling
-    frames, head = picked.frames[keep], picked.head[keep]
-    if not frames.size:
+    index, head = frames.index[keep], frames.head[keep]
+    if not index.size:
         return []
-    batch.use(frames)
+    batch.use(index)
     base = flags[keep].astype(np.int64) >> 3 & 3
     columns: FieldColumns = {
         "channel": head["ch"].astype(np.int64),
@@ -245,13 +245,13 @@ def time_marks(batch: EpochBatch, source: str) -> list[EpochRows]:
         ),
     }
     for edge, letter, new in (("rising", "R", rising[keep]), ("falling", "F", falling[keep])):
-        told = new & valid[keep]
+        reported = new & valid[keep]
         columns[f"{edge}_week"] = Column(
-            np.where(told, head[f"wn{letter}"], 0).astype(np.int64), told
+            np.where(reported, head[f"wn{letter}"], 0).astype(np.int64), reported
         )
         tow = head[f"towMs{letter}"].astype(np.float64) * 1e-3 + head[f"towSubMs{letter}"] * 1e-9
-        columns[f"{edge}_tow_s"] = absent_where(~told, tow)
-    return [batch.rows(source, "gnss/timemark", frames, columns)]
+        columns[f"{edge}_tow_s"] = absent_where(~reported, tow)
+    return [batch.rows(source, "gnss/timemark", index, columns)]
 
 
 _FUSION = ("initialising", "fusing", "suspended", "disabled")
@@ -288,25 +288,25 @@ class Device:
         self._status(batch)
 
     def _version(self, batch: EpochBatch) -> None:
-        picked = batch.all_of("MON-VER")
-        batch.refuse(picked.frames, _TOLD)
-        if not picked.frames.size:
+        frames = batch.all_of("MON-VER")
+        batch.refuse(frames.index, _TOLD)
+        if not frames.index.size:
             return
-        blocks, place = batch.blocks("MON-VER", picked)
-        head = picked.head[-1]
+        blocks, owner = batch.blocks("MON-VER", frames)
+        head = frames.head[-1]
         software, hardware = _text(head["swVersion"]), _text(head["hwVersion"])
-        told = {"device": hardware, "firmware": software, "hardware": hardware}
-        for extension in blocks["extension"][place == picked.frames.size - 1].tolist():
+        reported = {"device": hardware, "firmware": software, "hardware": hardware}
+        for extension in blocks["extension"][owner == frames.index.size - 1].tolist():
             name, *value = re.split("[= ]", _text(extension), maxsplit=1)
             if name in _KEYS and value:
-                told[_KEYS[name]] = value[0]
-        self.receiver = {name: value for name, value in told.items() if value}
+                reported[_KEYS[name]] = value[0]
+        self.receiver = {name: value for name, value in reported.items() if value}
 
     def _alignment(self, batch: EpochBatch) -> None:
-        picked = batch.all_of("ESF-ALG")
-        batch.refuse(picked.frames, _TOLD)
-        if picked.frames.size:
-            head = picked.head[-1]
+        frames = batch.all_of("ESF-ALG")
+        batch.refuse(frames.index, _TOLD)
+        if frames.index.size:
+            head = frames.head[-1]
             status = int(head["flags"]) >> 1 & 7
             self.alignment = {
                 f"mounting_{axis}_deg": f"{int(head[axis]) / 100:g}"
@@ -317,22 +317,22 @@ class Device:
             )
 
     def _status(self, batch: EpochBatch) -> None:
-        picked = batch.all_of("ESF-STATUS")
-        batch.refuse(picked.frames, _TOLD)
-        if not picked.frames.size:
+        frames = batch.all_of("ESF-STATUS")
+        batch.refuse(frames.index, _TOLD)
+        if not frames.index.size:
             return
         for mode, count in zip(
-            *np.unique(picked.head["fusionMode"], return_counts=True), strict=True
+            *np.unique(frames.head["fusionMode"], return_counts=True), strict=True
         ):
             self._modes[_FUSION[mode] if mode < len(_FUSION) else str(mode)] += int(count)
-        blocks, place = batch.blocks("ESF-STATUS", picked)
+        blocks, owner = batch.blocks("ESF-STATUS", frames)
         sensors = [
             {
                 "type": int(one["sensStatus1"]) & 63,
                 "used": bool(one["sensStatus1"] & 64),
                 "calibration": _CALIBRATION[int(one["sensStatus2"]) & 3],
             }
-            for one in blocks[place == picked.frames.size - 1]
+            for one in blocks[owner == frames.index.size - 1]
         ]
         self.fusion = {
             "fusion_reports": json.dumps(dict(sorted(self._modes.items()))),

@@ -95,26 +95,26 @@ def signals(batch: EpochBatch, system: str, source: str) -> list[EpochRows]:
     (UBX-NAV-SAT, elev). Channels of NAV-SVINFO without a satellite have number 0.
     """
     names = ("SIG", "SAT", "SVINFO") if system == "NAV" else ("SIG", "SAT")
-    picked = {name: batch.one_of(f"{system}-{name}") for name in names}
+    frames = {name: batch.one_of(f"{system}-{name}") for name in names}
     found = []
     seen = np.zeros(batch.count, bool)
-    for name, one in picked.items():
+    for name, one in frames.items():
         fresh = ~seen[one.epoch]
         if name == "SVINFO":
-            batch.refuse(one.frames[~fresh], "NAV-SIG or NAV-SAT of its epoch says more")
+            batch.refuse(one.index[~fresh], "NAV-SIG or NAV-SAT of its epoch says more")
         chosen = one.take(fresh)
-        blocks, place = batch.blocks(f"{system}-{name}", chosen)
+        blocks, owner = batch.blocks(f"{system}-{name}", chosen)
         if name == "SVINFO":
             assigned = blocks["svid"] > 0
-            blocks, place = blocks[assigned], place[assigned]
+            blocks, owner = blocks[assigned], owner[assigned]
         columns = _signal(name, blocks)
         if name == "SIG":
-            sky, sky_place = batch.blocks(f"{system}-SAT", picked["SAT"])
-            columns |= _directions(chosen.epoch[place], blocks, picked["SAT"].epoch[sky_place], sky)
-        batch.use(chosen.frames)
+            sky, sky_place = batch.blocks(f"{system}-SAT", frames["SAT"])
+            columns |= _directions(chosen.epoch[owner], blocks, frames["SAT"].epoch[sky_place], sky)
+        batch.use(chosen.index)
         seen[one.epoch] = True
         if blocks.size:
-            found.append(batch.rows(source, "gnss/signal", chosen.frames[place], columns))
+            found.append(batch.rows(source, "gnss/signal", chosen.index[owner], columns))
     return found
 
 
@@ -161,9 +161,9 @@ def _directions(
     if not have.size:
         return {}
     order = np.argsort(have, kind="stable")
-    place = order[np.minimum(np.searchsorted(have[order], wanted), have.size - 1)]
-    found = have[place] == wanted
-    columns = _direction(sky["elev"][place], sky["azim"][place])
+    owner = order[np.minimum(np.searchsorted(have[order], wanted), have.size - 1)]
+    found = have[owner] == wanted
+    columns = _direction(sky["elev"][owner], sky["azim"][owner])
     return {name: absent_where(~found, values) for name, values in columns.items()}
 
 
@@ -174,19 +174,19 @@ def observations(batch: EpochBatch, source: str) -> list[EpochRows]:
     found = []
     measured = np.zeros(batch.count, bool)
     for name in ("RXM-RAWX", "RXM-RAW", "RXM-MEASX"):
-        picked = batch.one_of(name)
-        fresh = ~measured[picked.epoch]
-        batch.refuse(picked.frames[~fresh], "RXM-RAWX or RXM-RAW of its epoch says more")
-        batch.use(picked.frames[fresh])
-        measured[picked.epoch] = True
-        chosen = picked.take(fresh)
-        blocks, place = batch.blocks(name, chosen)
+        frames = batch.one_of(name)
+        fresh = ~measured[frames.epoch]
+        batch.refuse(frames.index[~fresh], "RXM-RAWX or RXM-RAW of its epoch says more")
+        batch.use(frames.index[fresh])
+        measured[frames.epoch] = True
+        chosen = frames.take(fresh)
+        blocks, owner = batch.blocks(name, chosen)
         if blocks.size:
             read = {"RXM-RAW": _raw, "RXM-MEASX": _measx}
             columns = (
-                read[name](blocks) if name in read else _rawx(blocks, chosen.head["version"][place])
+                read[name](blocks) if name in read else _rawx(blocks, chosen.head["version"][owner])
             )
-            found.append(batch.rows(source, "gnss/observation", chosen.frames[place], columns))
+            found.append(batch.rows(source, "gnss/observation", chosen.index[owner], columns))
     return found
 
 
@@ -248,33 +248,33 @@ def navigation_data(batch: EpochBatch, source: str) -> list[EpochRows]:
     signal.
     """
     found = []
-    picked = batch.all_of("RXM-SFRBX")
-    if picked.frames.size:
-        blocks, place = batch.blocks("RXM-SFRBX", picked)
+    frames = batch.all_of("RXM-SFRBX")
+    if frames.index.size:
+        blocks, owner = batch.blocks("RXM-SFRBX", frames)
         words = blocks["dwrd"].astype(">u4").tobytes()
-        ends = np.cumsum(np.bincount(place, minlength=picked.frames.size)) * 4
-        gnss = picked.head["gnssId"]
-        codes = signal_codes(gnss, picked.head["sigId"])
-        columns = numbered(gnss, picked.head["svId"]) | {
+        ends = np.cumsum(np.bincount(owner, minlength=frames.index.size)) * 4
+        gnss = frames.head["gnssId"]
+        codes = signal_codes(gnss, frames.head["sigId"])
+        columns = numbered(gnss, frames.head["svId"]) | {
             "signal": Column(
-                np.where(picked.head["version"] >= 2, codes.values, -1).astype(np.int32),
+                np.where(frames.head["version"] >= 2, codes.values, -1).astype(np.int32),
                 None,
                 codes.words,
             ),
             "subframe": _subframes(words, ends),
         }
-        batch.use(picked.frames)
-        found.append(batch.rows(source, "gnss/navdata", picked.frames, columns))
-    picked = batch.all_of("RXM-SFRB")
-    if picked.frames.size:
-        gnss, number = constellation(picked.head["svid"])
-        words = picked.head["dwrd"].astype(">u4").tobytes()
+        batch.use(frames.index)
+        found.append(batch.rows(source, "gnss/navdata", frames.index, columns))
+    frames = batch.all_of("RXM-SFRB")
+    if frames.index.size:
+        gnss, number = constellation(frames.head["svid"])
+        words = frames.head["dwrd"].astype(">u4").tobytes()
         columns = numbered(gnss, number) | {
             "signal": signal_codes(gnss, np.zeros_like(gnss)),
-            "subframe": _subframes(words, np.arange(1, picked.frames.size + 1) * 40),
+            "subframe": _subframes(words, np.arange(1, frames.index.size + 1) * 40),
         }
-        batch.use(picked.frames)
-        found.append(batch.rows(source, "gnss/navdata", picked.frames, columns))
+        batch.use(frames.index)
+        found.append(batch.rows(source, "gnss/navdata", frames.index, columns))
     return found
 
 

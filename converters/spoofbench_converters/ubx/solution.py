@@ -87,46 +87,48 @@ class Solutions:
         self.fixed = False
 
     def rows(
-        self, batch: EpochBatch, claims: EpochTimes, system: str, source: str
+        self, batch: EpochBatch, times: EpochTimes, system: str, source: str
     ) -> list[EpochRows]:
         """Return the rows of the solutions of one system, ``NAV`` or ``NAV2``."""
         names = [name for name in _SOLUTIONS if system == "NAV" or name not in _PRIMARY_ONLY]
-        picked = {name: batch.one_of(f"{system}-{name}") for name in names}
-        told = np.zeros(batch.count, bool)
-        for one in picked.values():
-            told[one.epoch] = True
-            batch.use(one.frames)
-        if not told.any():
+        frames = {name: batch.one_of(f"{system}-{name}") for name in names}
+        reported = np.zeros(batch.count, bool)
+        for one in frames.values():
+            reported[one.epoch] = True
+            batch.use(one.index)
+        if not reported.any():
             return []
         fields = EpochColumns(batch.count)
-        self._fix(fields, batch, system, picked)
-        _geodetic(fields, picked)
-        _earth_centred(fields, picked)
-        _precision(fields, batch, system, picked)
+        self._fix(fields, batch, system, frames)
+        _geodetic(fields, frames)
+        _earth_centred(fields, frames)
+        _precision(fields, batch, system, frames)
         nowhere = fields["fix_type"] == gnss_pb2.FIX_TYPE_NONE
         for name in (*_POSITION, *_VELOCITY, "speed_mps", "course_deg"):
             fields[name][nowhere] = np.nan
         epochs = np.arange(batch.count)
-        fields.fill(epochs, gps_week=claims.week, tow_s=claims.tow_s)
+        fields.fill(epochs, gps_week=times.week, tow_s=times.tow_s)
         columns: FieldColumns = {
-            name: whole(fields[name][told], _WHOLE[name]) if name in _WHOLE else fields[name][told]
+            name: whole(fields[name][reported], _WHOLE[name])
+            if name in _WHOLE
+            else fields[name][reported]
             for name in fields
         }
-        valid = claims.time_valid[told]
+        valid = times.time_valid[reported]
         columns["time_valid"] = Column(valid == 1, ~np.isnan(valid))
-        return [EpochRows.of(source, "gnss/pvt", epochs[told], columns)]
+        return [EpochRows.of(source, "gnss/pvt", epochs[reported], columns)]
 
     def _fix(
-        self, fields: EpochColumns, batch: EpochBatch, system: str, picked: dict[str, MessageFrames]
+        self, fields: EpochColumns, batch: EpochBatch, system: str, frames: dict[str, MessageFrames]
     ) -> None:
         for name in ("PVT", "PVAT"):
-            head = picked[name].head
+            head = frames[name].head
             flags = head["flags"]
             found = fix_type(head["fixType"], flags & 1 > 0, flags & 2 > 0, flags >> 6)
-            fields.fill(picked[name].epoch, fix_type=found, num_sv=head["numSV"].astype(float))
+            fields.fill(frames[name].epoch, fix_type=found, num_sv=head["numSV"].astype(float))
             self.fused |= bool(np.any(np.isin(head["fixType"], _FUSED) & (flags & 1 > 0)))
         status = batch.one_of(f"{system}-STATUS")
-        for one in (status, picked["SOL"]) if "SOL" in picked else (status,):
+        for one in (status, frames["SOL"]) if "SOL" in frames else (status,):
             flags, names = one.head["flags"], one.head.dtype.names or ()
             carrier = one.head["flags2"] >> 6 if "flags2" in names else np.zeros_like(flags)
             found = fix_type(one.head["gpsFix"], flags & 1 > 0, flags & 2 > 0, carrier)
@@ -154,11 +156,11 @@ def llh(head: NDArray[np.void], invalid: Bools) -> dict[str, Floats]:
     return result
 
 
-def _geodetic(fields: EpochColumns, picked: dict[str, MessageFrames]) -> None:
+def _geodetic(fields: EpochColumns, frames: dict[str, MessageFrames]) -> None:
     for name in ("HPPOSLLH", "PVT", "PVAT", "POSLLH"):
-        if name not in picked:
+        if name not in frames:
             continue
-        epoch, head = picked[name].epoch, picked[name].head
+        epoch, head = frames[name].epoch, frames[name].head
         invalid = np.zeros(epoch.size, bool)
         if name == "HPPOSLLH":
             invalid = head["flags"] & 1 > 0
@@ -178,7 +180,7 @@ def _geodetic(fields: EpochColumns, picked: dict[str, MessageFrames]) -> None:
         ("PVAT", 1e-3, "motHeading"),
         ("VELNED", 1e-2, "heading"),
     ):
-        epoch, head = picked[name].epoch, picked[name].head
+        epoch, head = frames[name].epoch, frames[name].head
         north, east, down = (scaled(head[axis], unit) for axis in ("velN", "velE", "velD"))
         fields.fill_together(epoch, vel_n_mps=north, vel_e_mps=east, vel_d_mps=down)
         fields.fill(
@@ -187,14 +189,14 @@ def _geodetic(fields: EpochColumns, picked: dict[str, MessageFrames]) -> None:
         fields.fill(epoch, s_acc_mps=scaled(head["sAcc"], unit, NO_ACCURACY))
 
 
-def _earth_centred(fields: EpochColumns, picked: dict[str, MessageFrames]) -> None:
+def _earth_centred(fields: EpochColumns, frames: dict[str, MessageFrames]) -> None:
     """Take positions in cm and velocities in cm/s, earth-centred, where no message tells them
     otherwise.
     """
     for name in ("HPPOSECEF", "SOL", "POSECEF"):
-        if name not in picked:
+        if name not in frames:
             continue
-        epoch, head = picked[name].epoch, picked[name].head
+        epoch, head = frames[name].epoch, frames[name].head
         axes = np.stack([head[f"ecef{axis}"].astype(np.float64) for axis in "XYZ"]) * 1e-2
         invalid = ~axes.any(axis=0)
         if name == "HPPOSECEF":
@@ -207,9 +209,9 @@ def _earth_centred(fields: EpochColumns, picked: dict[str, MessageFrames]) -> No
             lat, lon, height = pymap3d.ecef2geodetic(*axes[:, lacking])
             fields.fill_together(epoch[lacking], lat_deg=lat, lon_deg=lon, height_m=height)
     for name in ("SOL", "VELECEF"):
-        if name not in picked:
+        if name not in frames:
             continue
-        epoch, head = picked[name].epoch, picked[name].head
+        epoch, head = frames[name].epoch, frames[name].head
         axes = np.stack([head[f"ecefV{axis}"].astype(np.float64) for axis in "XYZ"]) * 1e-2
         north, east, down = ned(axes, fields["lat_deg"][epoch], fields["lon_deg"][epoch])
         fields.fill_together(epoch, vel_n_mps=north, vel_e_mps=east, vel_d_mps=down)
@@ -229,13 +231,13 @@ def ned(velocity: Floats, lat_deg: Floats, lon_deg: Floats) -> tuple[Floats, ...
 
 
 def _precision(
-    fields: EpochColumns, batch: EpochBatch, system: str, picked: dict[str, MessageFrames]
+    fields: EpochColumns, batch: EpochBatch, system: str, frames: dict[str, MessageFrames]
 ) -> None:
     """Take dilutions, covariances and the accuracy of time."""
     dop = batch.one_of(f"{system}-DOP")
     for column, field in (("pdop", "pDOP"), ("hdop", "hDOP"), ("vdop", "vDOP")):
         fields.fill(dop.epoch, **{column: scaled(dop.head[field], 0.01, NO_DOP)})
-    for one in [picked[name] for name in ("PVT", "SOL") if name in picked]:
+    for one in [frames[name] for name in ("PVT", "SOL") if name in frames]:
         fields.fill(one.epoch, pdop=scaled(one.head["pDOP"], 0.01, NO_DOP))
     cov = batch.one_of(f"{system}-COV")
     for prefix, kind, unit in (("cov", "pos", "m2"), ("cov_vel", "vel", "m2ps2")):
@@ -250,8 +252,8 @@ def _precision(
                 },
             )
     times = [
-        picked["PVT"],
-        picked["PVAT"],
+        frames["PVT"],
+        frames["PVAT"],
         *(batch.one_of(f"{system}-{name}") for name in ("TIMEGPS", "TIMEUTC", "CLOCK")),
     ]
     for one in times:

@@ -59,13 +59,13 @@ class TimeReader:
         last told by the receiver or else announced by then; else time of week, or time of day. None
         where messages say that it is not valid.
         """
-        return _Reading(batch, self).claims()
+        return _TimeReading(batch, self).claims()
 
 
-class _Reading:
-    def __init__(self, batch: EpochBatch, clockwork: TimeReader) -> None:
+class _TimeReading:
+    def __init__(self, batch: EpochBatch, reader: TimeReader) -> None:
         count = batch.count
-        self.batch, self.clockwork = batch, clockwork
+        self.batch, self.reader = batch, reader
         self.time_ms = _times(batch)
         self.tow_ns = np.where(
             (self.time_ms >= 0) & (self.time_ms < _WEEK_MS), self.time_ms * MS_NS, ABSENT_NS
@@ -76,7 +76,7 @@ class _Reading:
         self.week = np.full(count, -1)
         self.leap = np.full(count, -1)
         self.valid = np.full(count, np.nan)
-        self.tow_said = np.full(count, np.nan)
+        self.tow_trust = np.full(count, np.nan)
 
     def claims(self) -> EpochTimes:
         for system in ("NAV", "NAV2"):
@@ -86,69 +86,69 @@ class _Reading:
             self._leaps(self.batch.one_of(f"{system}-TIMELS"), "currLs", "valid", 1)
             self._timeutc(self.batch.one_of(f"{system}-TIMEUTC"))
             status = self.batch.one_of(f"{system}-STATUS")
-            self._say(status.epoch, status.head["flags"] & 8 > 0, None)
+            self._note(status.epoch, status.head["flags"] & 8 > 0, None)
         self._week(self.batch.one_of("NAV-SOL"), 8, 4)
         self._raw()
         self._high_rate()
         return self._decided()
 
-    def _calendar(self, picked: MessageFrames) -> None:
-        flags, time = picked.head["valid"], utc_ns(picked.head)
+    def _calendar(self, frames: MessageFrames) -> None:
+        flags, time = frames.head["valid"], utc_ns(frames.head)
         time[flags & 2 == 0] = ABSENT_NS
-        self._tell(self.utc, picked.epoch, np.where(flags & _ALL == _ALL, time, ABSENT_NS))
-        self._tell(self.unresolved, picked.epoch, np.where(flags & 3 == 3, time, ABSENT_NS))
-        self._tell(self.day, picked.epoch, np.where(time == ABSENT_NS, ABSENT_NS, time % DAY_NS))
-        self._say(picked.epoch, flags & 2 > 0, flags & _ALL == _ALL)
+        self._fill(self.utc, frames.epoch, np.where(flags & _ALL == _ALL, time, ABSENT_NS))
+        self._fill(self.unresolved, frames.epoch, np.where(flags & 3 == 3, time, ABSENT_NS))
+        self._fill(self.day, frames.epoch, np.where(time == ABSENT_NS, ABSENT_NS, time % DAY_NS))
+        self._note(frames.epoch, flags & 2 > 0, flags & _ALL == _ALL)
 
-    def _timeutc(self, picked: MessageFrames) -> None:
-        flags, time = picked.head["valid"], utc_ns(picked.head)
-        self._tell(self.utc, picked.epoch, np.where(flags & 4 > 0, time, ABSENT_NS))
-        self._say(picked.epoch, flags & 1 > 0, flags & 4 > 0)
+    def _timeutc(self, frames: MessageFrames) -> None:
+        flags, time = frames.head["valid"], utc_ns(frames.head)
+        self._fill(self.utc, frames.epoch, np.where(flags & 4 > 0, time, ABSENT_NS))
+        self._note(frames.epoch, flags & 1 > 0, flags & 4 > 0)
 
-    def _week(self, picked: MessageFrames, tow_flag: int, week_flag: int) -> None:
+    def _week(self, frames: MessageFrames, tow_flag: int, week_flag: int) -> None:
         """Take week and fraction of NAV-TIMEGPS or NAV-SOL."""
-        head = picked.head
+        head = frames.head
         flags = head["valid"] if "valid" in (head.dtype.names or ()) else head["flags"]
         tow_valid, week_valid = flags & tow_flag > 0, flags & week_flag > 0
-        self._tell(
-            self.week, picked.epoch, np.where(week_valid & (head["week"] > 0), head["week"], -1), -1
+        self._fill(
+            self.week, frames.epoch, np.where(week_valid & (head["week"] > 0), head["week"], -1), -1
         )
-        exact = self.tow_ns[picked.epoch] + head["fTOW"]
-        self.tow_ns[picked.epoch] = np.where(
-            tow_valid & (self.tow_ns[picked.epoch] == self.time_ms[picked.epoch] * MS_NS),
+        exact = self.tow_ns[frames.epoch] + head["fTOW"]
+        self.tow_ns[frames.epoch] = np.where(
+            tow_valid & (self.tow_ns[frames.epoch] == self.time_ms[frames.epoch] * MS_NS),
             exact,
-            self.tow_ns[picked.epoch],
+            self.tow_ns[frames.epoch],
         )
-        self._say(picked.epoch, tow_valid, tow_valid & week_valid)
+        self._note(frames.epoch, tow_valid, tow_valid & week_valid)
         if "leapS" in (head.dtype.names or ()):
-            self._leaps(picked, "leapS", "valid", 4)
+            self._leaps(frames, "leapS", "valid", 4)
 
-    def _leaps(self, picked: MessageFrames, field: str, flags: str, flag: int) -> None:
-        told = picked.head[flags] & flag > 0
-        self._tell(self.leap, picked.epoch, np.where(told, picked.head[field], -1), -1)
+    def _leaps(self, frames: MessageFrames, field: str, flags: str, flag: int) -> None:
+        reported = frames.head[flags] & flag > 0
+        self._fill(self.leap, frames.epoch, np.where(reported, frames.head[field], -1), -1)
 
     def _raw(self) -> None:
         """Take week and time of week of raw measurements, for epochs without a solution."""
         for name in ("RXM-RAWX", "RXM-RAW"):
-            picked = self.batch.one_of(name)
-            head, epoch = picked.head, picked.epoch
+            frames = self.batch.one_of(name)
+            head, epoch = frames.head, frames.epoch
             turns = np.rint(
-                (self.batch.held.time_ms[picked.frames] - self.time_ms[epoch]) / _WEEK_MS
+                (self.batch.buffer.time_ms[frames.index] - self.time_ms[epoch]) / _WEEK_MS
             ).astype(np.int64)
-            self._tell(self.week, epoch, np.where(head["week"] > 0, head["week"] + turns, -1), -1)
+            self._fill(self.week, epoch, np.where(head["week"] > 0, head["week"] + turns, -1), -1)
             if name == "RXM-RAWX":
-                self._leaps(picked, "leapS", "recStat", 1)
-                alone = self.time_ms[epoch] == self.batch.held.time_ms[picked.frames]
+                self._leaps(frames, "leapS", "recStat", 1)
+                alone = self.time_ms[epoch] == self.batch.buffer.time_ms[frames.index]
                 within = alone & (self.time_ms[epoch] >= 0)
                 exact = np.rint(np.where(within, head["rcvTow"], 0) * 1e9).astype(np.int64)
                 self.tow_ns[epoch] = np.where(
-                    within & np.isnan(self.tow_said[epoch]), exact, self.tow_ns[epoch]
+                    within & np.isnan(self.tow_trust[epoch]), exact, self.tow_ns[epoch]
                 )
 
     def _high_rate(self) -> None:
-        picked = self.batch.all_of("HNR-PVT")
-        epoch, first = np.unique(picked.epoch, return_index=True)
-        head, time = picked.head[first], utc_ns(picked.head[first])
+        frames = self.batch.all_of("HNR-PVT")
+        epoch, first = np.unique(frames.epoch, return_index=True)
+        head, time = frames.head[first], utc_ns(frames.head[first])
         after = (head["iTOW"].astype(np.int64) - self.time_ms[epoch]) * MS_NS
         known = (
             (head["valid"] & 3 == 3)
@@ -156,16 +156,16 @@ class _Reading:
             & (self.time_ms[epoch] >= 0)
             & (np.abs(after) < DAY_NS)
         )
-        self._tell(self.utc, epoch, np.where(known, time - np.where(known, after, 0), ABSENT_NS))
+        self._fill(self.utc, epoch, np.where(known, time - np.where(known, after, 0), ABSENT_NS))
 
-    def _tell(self, what: Ints, epoch: Ints, values: Ints, absent: int = ABSENT_NS) -> None:
+    def _fill(self, what: Ints, epoch: Ints, values: Ints, absent: int = ABSENT_NS) -> None:
         what[epoch] = np.where(what[epoch] == absent, values, what[epoch])
 
-    def _say(self, epoch: Ints, tow: Bools, complete: Bools | None) -> None:
+    def _note(self, epoch: Ints, tow: Bools, complete: Bools | None) -> None:
         """Note whether any message says that the time of week is valid, and whether the first says
         that all of the time is.
         """
-        self.tow_said[epoch] = np.fmax(self.tow_said[epoch], tow)
+        self.tow_trust[epoch] = np.fmax(self.tow_trust[epoch], tow)
         if complete is not None:
             self.valid[epoch] = np.where(np.isnan(self.valid[epoch]), complete, self.valid[epoch])
 
@@ -177,7 +177,7 @@ class _Reading:
             np.where(tow, utc_to_gps(rough, LEAP_SECONDS), 0), np.where(tow, self.tow_ns, 0)
         )
         week = np.where((self.week < 0) & (rough != ABSENT_NS) & tow, implied, self.week)
-        trusted = tow & (np.nan_to_num(self.tow_said, nan=1.0) > 0)
+        trusted = tow & (np.nan_to_num(self.tow_trust, nan=1.0) > 0)
         gps_ns = np.where(tow, gps_of_week(np.maximum(week, 0), self.tow_ns), 0)
         announced = np.where(week >= 0, leap_seconds_at_gps(gps_ns), LEAP_SECONDS)
         by_week = gps_to_utc(gps_ns, np.where(leap >= 0, leap, announced))
@@ -198,10 +198,10 @@ class _Reading:
         """Return the leap seconds last told up to each epoch, -1 where none, and remember the
         last.
         """
-        before = -1 if self.clockwork.leap_s is None else self.clockwork.leap_s
+        before = -1 if self.reader.leap_s is None else self.reader.leap_s
         carried = forward_fill(self.leap, self.leap >= 0, before)
         if carried.size and carried[-1] >= 0:
-            self.clockwork.leap_s = int(carried[-1])
+            self.reader.leap_s = int(carried[-1])
         return carried
 
 
@@ -210,11 +210,11 @@ def _times(batch: EpochBatch) -> Ints:
     else the second of its high rate.
     """
     times = np.full(batch.count, -1)
-    held = batch.held
+    buffer = batch.buffer
     for role in (Role.HIGH_RATE, Role.RAW, Role.NAV):
-        rows = np.flatnonzero((ROLES[held.number] == role) & (held.time_ms >= 0))[::-1]
-        told = held.time_ms[rows]
-        times[batch.epoch[rows]] = told // 1000 * 1000 if role == Role.HIGH_RATE else told
+        rows = np.flatnonzero((ROLES[buffer.number] == role) & (buffer.time_ms >= 0))[::-1]
+        reported = buffer.time_ms[rows]
+        times[batch.epoch[rows]] = reported // 1000 * 1000 if role == Role.HIGH_RATE else reported
     return times
 
 

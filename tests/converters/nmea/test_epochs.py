@@ -319,7 +319,10 @@ def test_an_imu_with_a_clock_of_its_own(nmea: ModuleType) -> None:
 
 
 def test_a_log_of_an_imu_alone(nmea: ModuleType) -> None:
-    body = "VNYMR,+066.172,+003.948,+002.132,+00.2653,-00.0791,+00.3577,+00.558,+00.250,-10.355,+00.037773,+00.029186,-00.272747"
+    body = (
+        "VNYMR,+066.172,+003.948,+002.132,+00.2653,-00.0791,+00.3577,"
+        "+00.558,+00.250,-10.355,+00.037773,+00.029186,-00.272747"
+    )
     stamps = [1_700_000_000 * SECOND_NS + i * 25_000_000 for i in range(50)]
     epochs, _, _ = nmea.decode([nmea.frames(nmea.log(*[body] * 50), stamps=stamps)])
     assert np.concatenate([part.receive_time_ns for part in epochs]).tolist() == stamps

@@ -63,7 +63,8 @@ def test_signal_ids_and_empty_fields(nmea: ModuleType) -> None:
         "PQGSV,1,1,01,19,50,092,31,0,4",
         "GLGSV,1,1,01,70,50,092,31",
     )
-    assert [(row["constellation"], row["svid"], row["signal"], row["cn0_dbhz"]) for row in rows] == [
+    names = ("constellation", "svid", "signal", "cn0_dbhz")
+    assert [tuple(row[name] for name in names) for row in rows] == [
         (GPS, 1, "1C", 40.0), (GPS, 2, "1C", 35.0), (GPS, 3, "1C", None), (GPS, 4, "1C", None),
         (GPS, None, "1C", 30.0),
         (GPS, 1, "2L", 38.0), (GALILEO, 5, "1X", 41.0), (BEIDOU, 6, "7I", 42.0),

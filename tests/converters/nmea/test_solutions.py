@@ -111,7 +111,10 @@ def test_garmins_errors(nmea: ModuleType) -> None:
 
 
 def test_ublox_positions(nmea: ModuleType) -> None:
-    position = "PUBX,00,103607.00,5327.03942,N,00214.42462,W,104.461,G3,29,31,36.00,39.63,-0.007,,5.88,7.62,8.09,6,0,0"
+    position = (
+        "PUBX,00,103607.00,5327.03942,N,00214.42462,W,104.461,G3,29,31,36.00,39.63,-0.007,"
+        ",5.88,7.62,8.09,6,0,0"
+    )
     row = solution(nmea, position, "PUBX,04,103607.00,060321,556567.00,2147,18,-384839,-53.623,16")
     assert (row["height_m"], row["speed_mps"], row["course_deg"], row["vel_d_mps"]) == (
         104.461,

@@ -250,7 +250,7 @@ def test_nothing_depends_on_the_groups_that_epochs_come_in(
         {"append_clock": recorder == "appends", "date": "2024-02-29"},
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(time_axis, "_JUDGED", 3)
+        patch.setattr(time_axis, "_FIRST_EPOCHS", 3)
         try:
             at_once = axis_of(claims, spacing=spacing, **options)
         except ConversionError as refusal:
