@@ -1,4 +1,4 @@
-"""A slow reading of streams of UBX, NMEA and RTCM 3, one place after the other: what the
+"""A slow reading of streams of UBX, NMEA and RTCM 3, one byte after the other: what the
 demultiplexer must find.
 
 Written from the specifications alone: u-blox interface descriptions ("UBX frame structure", "UBX
@@ -27,55 +27,55 @@ class Frame(NamedTuple):
     length: int
 
 
-def frames(log: bytes, most_ubx: int = 65_535, most_nmea: int = 1024) -> Iterator[Frame]:
-    """Yield the frames of a log: at each place from left to right the first valid one wins, else
+def frames(log: bytes, max_ubx: int = 65_535, max_nmea: int = 1024) -> Iterator[Frame]:
+    """Yield the frames of a log: at each byte from left to right the first valid one wins, else
     one byte is skipped.
 
     Args:
-        most_ubx: longest payload of a UBX frame.
-        most_nmea: longest sentence, from its first byte to before the ``*``.
+        max_ubx: longest payload of a UBX frame.
+        max_nmea: longest sentence, from its first byte to before the ``*``.
     """
-    place = 0
-    while found := _STARTS.search(log, place):
-        place = found.start()
-        lead = log[place]
+    index = 0
+    while found := _STARTS.search(log, index):
+        index = found.start()
+        lead = log[index]
         if lead == 0xB5:
-            protocol, length = "ubx", _ubx_length(log, place, most_ubx)
+            protocol, length = "ubx", _ubx_length(log, index, max_ubx)
         elif lead == 0xD3:
-            protocol, length = "rtcm3", _rtcm3_length(log, place)
+            protocol, length = "rtcm3", _rtcm3_length(log, index)
         else:
-            protocol, length = "nmea", _nmea_length(log, place, most_nmea)
+            protocol, length = "nmea", _nmea_length(log, index, max_nmea)
         if length:
-            yield Frame(protocol, place, length)  # type: ignore[arg-type]
-        place += length or 1
+            yield Frame(protocol, index, length)  # type: ignore[arg-type]
+        index += length or 1
 
 
-def _ubx_length(log: bytes, place: int, most: int) -> int:
-    size = int.from_bytes(log[place + 4 : place + 6], "little")
-    if size > most or place + 8 + size > len(log):
+def _ubx_length(log: bytes, index: int, limit: int) -> int:
+    size = int.from_bytes(log[index + 4 : index + 6], "little")
+    if size > limit or index + 8 + size > len(log):
         return 0
     a = b = 0
-    for octet in log[place + 2 : place + 6 + size]:
+    for octet in log[index + 2 : index + 6 + size]:
         a = (a + octet) & 255
         b = (b + a) & 255
-    return 8 + size if log[place + 6 + size : place + 8 + size] == bytes([a, b]) else 0
+    return 8 + size if log[index + 6 + size : index + 8 + size] == bytes([a, b]) else 0
 
 
-def _nmea_length(log: bytes, place: int, most: int) -> int:
-    found = _SENTENCE.match(log, place)
-    if found is None or found.start(1) - 1 - place > most:
+def _nmea_length(log: bytes, index: int, limit: int) -> int:
+    found = _SENTENCE.match(log, index)
+    if found is None or found.start(1) - 1 - index > limit:
         return 0
-    body = log[place + 1 : found.start(1) - 1]
+    body = log[index + 1 : found.start(1) - 1]
     return len(found[0]) if reduce(lambda a, b: a ^ b, body, 0) == int(found[1], 16) else 0
 
 
-def _rtcm3_length(log: bytes, place: int) -> int:
-    size = int.from_bytes(log[place + 1 : place + 3], "big")
-    end = place + 6 + size
+def _rtcm3_length(log: bytes, index: int) -> int:
+    size = int.from_bytes(log[index + 1 : index + 3], "big")
+    end = index + 6 + size
     if end > len(log):
         return 0
     crc = 0
-    for octet in log[place : end - 3]:
+    for octet in log[index : end - 3]:
         crc ^= octet << 16
         for _ in range(8):
             crc <<= 1

@@ -26,15 +26,20 @@ _AGAIN = "the same epoch again"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Times:
-    """Times of epochs: as claimed, time of day, and when received."""
+    """Times of ``m`` epochs, int64 ``(m,)``, as in :class:`Epochs`; those claimed are filled in."""
 
     claimed_ns: Ints
     period_ns: Ints
     receive_time_ns: Ints
 
     def offsets(self, epoch: Ints, own_ns: Ints, receive_time_ns: Ints) -> Ints:
-        """How much later than their epochs rows are: by their own time of day if near, else by
-        their stamps, else not at all.
+        """Return how much later than their epochs rows are, int64 ``(n,)``: by their own time of
+        day if near, else by their stamps, else not at all.
+
+        Args:
+            epoch: int64 ``(n,)``, of each row.
+            own_ns: int64 ``(n,)``, time of day that each row's sentence tells.
+            receive_time_ns: int64 ``(n,)``, when each row's sentence was received.
         """
         base, received = self.claimed_ns[epoch], self.receive_time_ns[epoch]
         stamped = (received != ABSENT_NS) & (receive_time_ns != ABSENT_NS)
@@ -55,8 +60,13 @@ class Assembly:
     def epochs(
         self, batch: SentenceBatch, starts: Bools, receiver: Ints, talkers: Sequence[str]
     ) -> Iterator[Epochs | Rejects]:
-        """Yield complete epochs, given which sentences open one and the receiver of each, -1 for
-        sensors.
+        """Yield complete epochs, and sentences that give no rows.
+
+        Args:
+            batch: sentences, ``n`` of them.
+            starts: bool ``(n,)``, which of them open an epoch.
+            receiver: int64 ``(n,)``, the receiver of each, -1 for sensors.
+            talkers: names, by number.
         """
         epoch = np.cumsum(starts) - 1
         opening = np.flatnonzero(starts)
@@ -68,25 +78,28 @@ class Assembly:
             batch.frames["receive_time_ns"][opening],
         )
         for number in range(int(receiver.max(initial=-1)) + 1):
-            own = np.flatnonzero(receiver == number)
-            if own.size:
+            indices = np.flatnonzero(receiver == number)
+            if indices.size:
                 opens = (
-                    starts[own]
+                    starts[indices]
                     if number == 0
                     else divide(
-                        take(batch.frames, own), epoch[own], PreviousTimes(), ReceiverTraits()
+                        take(batch.frames, indices),
+                        epoch[indices],
+                        PreviousTimes(),
+                        ReceiverTraits(),
                     ).starts
                 )
                 rows += self._receiver(
-                    number, _ReceiverSentences(batch, own, epoch, opens), times, lost, talkers
+                    number, _ReceiverSentences(batch, indices, epoch, opens), times, lost, talkers
                 )
-                self._note(f"gnss{number}", batch, own, talkers)
+                self._note(f"gnss{number}", batch, indices, talkers)
         rows += self._sensor_rows(batch, epoch, times, talkers, lost)
         gone = np.zeros(batch.size, bool)
         for reason, parts in sorted(lost.items()):
-            indices = np.unique(np.concatenate(parts))
-            gone[indices] = True
-            yield Rejects(batch.frames["offset"][indices], batch.frames["used"][indices], reason)
+            left_out = np.unique(np.concatenate(parts))
+            gone[left_out] = True
+            yield Rejects(batch.frames["offset"][left_out], batch.frames["used"][left_out], reason)
         used = np.bincount(epoch, np.where(gone, 0, batch.frames["used"]), opening.size).astype(
             np.int64
         )
@@ -115,30 +128,34 @@ class Assembly:
     def _receiver(
         self,
         number: int,
-        own: "_ReceiverSentences",
+        sentences: "_ReceiverSentences",
         times: _Times,
         lost: dict[str, list[Ints]],
         talkers: Sequence[str],
     ) -> Iterator[EpochRows]:
         """Yield the rows of one receiver; the first one gives the epochs their times."""
-        for reason, indices in own.drop_repetitions(talkers.index("GN") if "GN" in talkers else -1):
+        for reason, indices in sentences.drop_repetitions(
+            talkers.index("GN") if "GN" in talkers else -1
+        ):
             lost.setdefault(reason, []).append(indices)
-        solution = Solution(own.opening.size, own.tables)
+        solution = Solution(sentences.opening.size, sentences.tables)
         claimed_ns, period_ns = solution.claimed()
-        at = own.at
+        at = sentences.at
         if number == 0:
             times.claimed_ns[at], times.period_ns[at] = claimed_ns, period_ns
-        offset = times.offsets(at, claimed_ns, own.frames["receive_time_ns"][own.opening])
-        reported = np.zeros(own.opening.size, bool)
+        offset = times.offsets(
+            at, claimed_ns, sentences.frames["receive_time_ns"][sentences.opening]
+        )
+        reported = np.zeros(sentences.opening.size, bool)
         for name in _OF_SOLUTION:
-            reported[own.tables[name]["epoch"] if name in own.tables else []] = True
+            reported[sentences.tables[name]["epoch"] if name in sentences.tables else []] = True
         known = np.flatnonzero(reported)
         source = f"gnss{number}"
         if known.size:
             solved = EpochRows.of(source, "gnss/pvt", at, solution.rows(), offset_ns=offset)
             yield solved if known.size == at.size else solved.take(known)
-        if VIEW in own.tables:
-            view, doubled = signals.without_doubles(own.tables[VIEW])
+        if VIEW in sentences.tables:
+            view, doubled = signals.without_doubles(sentences.tables[VIEW])
             if doubled.size:
                 lost.setdefault(f"NMEA GSV: {_AGAIN}", []).append(doubled)
             if view["epoch"].size:
@@ -146,11 +163,11 @@ class Assembly:
                     source,
                     "gnss/signal",
                     at[view["epoch"]],
-                    signals.signal_rows(view, own.tables),
+                    signals.signal_rows(view, sentences.tables),
                     offset_ns=offset[view["epoch"]],
                 )
-        if "PUBX04" in own.tables:
-            clock = own.tables["PUBX04"]
+        if "PUBX04" in sentences.tables:
+            clock = sentences.tables["PUBX04"]
             columns = {name: clock[name] for name in ("bias_s", "drift_sps")}
             at, offset = at[clock["epoch"]], offset[clock["epoch"]]
             yield EpochRows.of(source, "gnss/clock", at, columns, offset_ns=offset)
@@ -190,10 +207,12 @@ class Assembly:
                     lost[f"NMEA {name}: no value"] = [indices[~useful[indices]]]
         return rows
 
-    def _note(self, source: str, batch: SentenceBatch, own: Ints, talkers: Sequence[str]) -> None:
+    def _note(
+        self, source: str, batch: SentenceBatch, indices: Ints, talkers: Sequence[str]
+    ) -> None:
         """Note the talkers and the datums of a receiver."""
         known = self._talkers.setdefault(source, [])
-        talker = batch.frames["talker"][own]
+        talker = batch.frames["talker"][indices]
         present = np.flatnonzero(np.bincount(talker)).tolist()
         new = [index for index in present if talkers[index] not in known]
         known += [
@@ -202,7 +221,7 @@ class Assembly:
         ]
         if "DTM" in batch.tables:
             datum = batch.tables["DTM"]
-            for value in np.unique(datum["datum"][np.isin(datum["frame"], own)]).tolist():
+            for value in np.unique(datum["datum"][np.isin(datum["frame"], indices)]).tolist():
                 text = value.to_bytes(3, "big").strip(b"\0").decode("ascii", "replace")
                 if value and value != _WGS84:
                     names = self._datums.setdefault(source, [])
@@ -210,8 +229,15 @@ class Assembly:
 
 
 class _ReceiverSentences:
-    """The sentences of one receiver: their places in the batch, their epochs, and tables with the
-    ``epoch`` of each row.
+    """The sentences of one receiver.
+
+    Attributes:
+        indices: int64 ``(k,)``, of its sentences in the batch.
+        frames: their columns.
+        local: int64 ``(k,)``, the epoch of each among the receiver's own.
+        opening: int64 ``(m,)``, which of them open its epochs.
+        at: int64 ``(m,)``, the epochs of the batch that its own fall in.
+        tables: by type, what they say, with the receiver's ``epoch`` of each row.
     """
 
     def __init__(self, batch: SentenceBatch, indices: Ints, epoch: Ints, opens: Bools) -> None:
@@ -235,7 +261,7 @@ class _ReceiverSentences:
 
     def drop_repetitions(self, combined: int) -> Iterator[tuple[str, Ints]]:
         """Leave one sentence of a type per epoch, that of the ``combined`` talker or else the
-        first; yield the places of the others.
+        first; yield the indices of the others, with the reason.
         """
         for name in ONE_PER_EPOCH:
             table = self.tables.get(name)
@@ -284,7 +310,7 @@ _ABOUT = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorRows:
-    """Rows of one kind of one source; ``frame`` is the sentence of each."""
+    """Rows of one kind of one source; ``frame`` is the sentence of each, int64 ``(n,)``."""
 
     source: str
     kind: str

@@ -73,8 +73,8 @@ class Addresses:
         self._meanings = np.empty((0, 3), np.int64)
 
     def read(self, sentences: Sentences) -> tuple[Ints, Ints, Ints]:
-        """Return for each sentence the code of its type, the place of its talker and that of its
-        reason, -1 for none.
+        """Return for each of ``k`` sentences the code of its type, the index of its talker and that
+        of its reason, -1 for none; int64 ``(k,)``.
         """
         keys = _keys(sentences)
         index = np.minimum(np.searchsorted(self._keys, keys), max(self._keys.size - 1, 0))
@@ -186,7 +186,7 @@ class SentenceBatch:
         return int(self.frames["offset"].size)
 
     def take(self, kept: Bools) -> "SentenceBatch":
-        """Return the sentences that a mask selects."""
+        """Return the sentences that a mask ``(n,)`` selects."""
         if kept.all():
             return self
         index = np.cumsum(kept) - 1

@@ -23,8 +23,12 @@ _POWERS = 10 ** np.arange(19, dtype=np.int64)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldCells:
-    """One field of each of ``n`` sentences: int64 ``begin`` within ``octets``, and ``length``, 0
-    where absent.
+    """One field of each of ``n`` sentences.
+
+    Attributes:
+        octets: the piece of the log that they stand in.
+        begin: int64 ``(n,)``, where each field begins in it.
+        length: int64 ``(n,)``, of each field, 0 where absent.
     """
 
     octets: Octets
@@ -78,7 +82,7 @@ class Sentences:
         return self._between(self.starts + 1, np.minimum(self._commas[self._first], self.body_end))
 
     def of(self, rows: Ints) -> "SentenceFields":
-        """The fields of these frames."""
+        """Return the fields of these frames, int64 ``(n,)``."""
         return SentenceFields(
             self._octets, self._commas, self._first[rows], self.fields[rows], self.body_end[rows]
         )
@@ -229,7 +233,7 @@ def hexadecimal(character: Octets) -> Ints:
 
 
 def one_of(character: Octets, letters: str) -> Bools:
-    """Which characters are among the letters."""
+    """Return which characters ``(n,)`` are among the letters, bool ``(n,)``."""
     return np.isin(character, np.frombuffer(letters.encode(), np.uint8))
 
 
@@ -237,7 +241,8 @@ _PIVOT = 80  # two-digit years: 80 to 99 are 1980 to 1999, 00 to 79 are 2000 to 
 
 
 def time_of_day(cells: FieldCells) -> tuple[Ints, Bools]:
-    """Read ``hhmmss.sss`` as nanoseconds, ``ABSENT_NS`` where empty; and which fields are readable.
+    """Read ``hhmmss.sss`` as nanoseconds, int64 ``(n,)``, ``ABSENT_NS`` where empty; and which
+    fields are readable, bool ``(n,)``.
 
     A leap second, ``235960``, is 86,400 s; so is ``240000``.
     """
@@ -260,8 +265,8 @@ def time_of_day(cells: FieldCells) -> tuple[Ints, Bools]:
 
 
 def date_of(cells: FieldCells) -> tuple[Ints, Bools]:
-    """Read ``ddmmyy`` as the Unix nanoseconds of its midnight, ``ABSENT_NS`` where empty; and which
-    fields are readable.
+    """Read ``ddmmyy`` as the Unix nanoseconds of its midnight, int64 ``(n,)``, ``ABSENT_NS`` where
+    empty; and which fields are readable, bool ``(n,)``.
     """
     read = decimals(cells)
     value, exists = midnight(

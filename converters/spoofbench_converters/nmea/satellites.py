@@ -95,21 +95,30 @@ def of_talkers(talkers: list[str]) -> Ints:
 
 
 def of_system_id(system: Ints) -> Ints:
-    """The constellation of NMEA system ids, 0 for those that are none."""
+    """Return the constellation of NMEA system ids ``(n,)``, 0 for those that are none; int64
+    ``(n,)``.
+    """
     return _OF_SYSTEM_ID[np.where((system > 0) & (system < _OF_SYSTEM_ID.size), system, 0)]
 
 
 def identify(named: Ints, number: Ints) -> tuple[Shorts, Shorts]:
-    """Return constellation and number within it, 0 where unknown, from the constellation that a
-    sentence names, or 0, and its number.
+    """Return constellation and number within it, int16 ``(n,)``, 0 where unknown.
+
+    Args:
+        named: int64 ``(n,)``, the constellation that each sentence names, or 0.
+        number: int64 ``(n,)``, of the satellite, as the sentence has it.
     """
     index = named * _NUMBERS + np.where((number > 0) & (number < _NUMBERS), number, 0)
     return _CONSTELLATION.take(index), _SVID.take(index)
 
 
 def signal_of(constellation: Ints | Shorts, signal_id: Ints) -> Shorts:
-    """Return places in ``SIGNALS``, ``NO_SIGNAL`` where the sentence has no signal id or one that
-    is not known.
+    """Return indices in ``SIGNALS``, int16 ``(n,)``, ``NO_SIGNAL`` where a sentence has no signal
+    id or one that is not known.
+
+    Args:
+        constellation: integers ``(n,)``.
+        signal_id: int64 ``(n,)``, of NMEA 0183 4.11.
     """
     return _SIGNAL.take(
         constellation * 16 + np.where((signal_id > 0) & (signal_id < 16), signal_id, 0)

@@ -34,7 +34,9 @@ class Reader:
         self.readable: Bools = np.ones(fields.count.size, bool)
 
     def cells(self, field: int, where: Bools | None = None) -> FieldCells:
-        """The field as it stands; absent where it is not asked for."""
+        """Return the field as it stands, of ``n`` sentences; absent where not ``where``, bool
+        ``(n,)``.
+        """
         cells = self._fields.cells(field)
         return (
             cells
@@ -43,13 +45,13 @@ class Reader:
         )
 
     def number(self, field: int, where: Bools | None = None) -> Floats:
-        """Values, NaN where absent."""
+        """Return values, float64 ``(n,)``, NaN where absent."""
         read = decimals(self.cells(field, where))
         self.readable &= read.readable
         return read.floats()
 
     def whole(self, field: int, where: Bools | None = None) -> Ints:
-        """Counts and numbers of things, -1 where absent."""
+        """Return counts and numbers of things, int64 ``(n,)``, -1 where absent."""
         read = decimals(self.cells(field, where))
         self.readable &= (
             read.readable & (read.places == 0) & (read.mantissa >= 0) & (read.mantissa < 10_000)
@@ -57,8 +59,8 @@ class Reader:
         return np.where(read.present & self.readable, read.mantissa, -1)
 
     def dilution(self, field: int) -> Floats:
-        """A dilution of precision, NaN where absent or 99.99, which u-blox, MediaTek and others
-        write without a solution.
+        """Return a dilution of precision, float64 ``(n,)``, NaN where absent or 99.99, which
+        u-blox, MediaTek and others write without a solution.
         """
         values = self.number(field)
         values[values == _NO_DILUTION] = np.nan
@@ -75,7 +77,7 @@ class Reader:
         }
 
     def letter(self, field: int, allowed: str) -> Octets:
-        """A field of one letter of those allowed."""
+        """Return a field of one letter of those allowed, uint8 ``(n,)``, 0 where absent."""
         cells = self.cells(field)
         letter = cells.first()
         self.readable &= (cells.length == 0) | ((cells.length == 1) & one_of(letter, allowed))
@@ -89,7 +91,7 @@ class Reader:
         return {"tod_ns": value, "tod_places": decimals(cells).places}
 
     def date(self, field: int) -> Ints:
-        """Midnight of ``ddmmyy``."""
+        """Return midnight of ``ddmmyy``, Unix ns, int64 ``(n,)``."""
         value, readable = fields.date_of(self.cells(field))
         self.readable &= readable
         return value

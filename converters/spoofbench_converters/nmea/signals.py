@@ -28,8 +28,12 @@ UNKNOWN, NO, YES = -1, 0, 1
 def gsv(read: Reader, named: Ints) -> tuple[Columns, Columns]:
     """Read satellites in view.
 
-    ``named`` is the constellation that each talker names. After the blocks of four fields may stand
-    a signal id (NMEA 4.10), and after that a system id (Qualcomm's PQGSV).
+    After the blocks of four fields may stand a signal id (NMEA 4.10), and after that a system id
+    (Qualcomm's PQGSV).
+
+    Args:
+        read: of ``n`` sentences.
+        named: int64 ``(n,)``, the constellation that each talker names.
 
     Returns:
         By sentence, ``message``, its number among those of one talker and signal; by satellite,
@@ -57,8 +61,9 @@ def gsv(read: Reader, named: Ints) -> tuple[Columns, Columns]:
 
 
 def pubx03(read: Reader, named: Ints) -> tuple[Columns, Columns]:
-    """Read u-blox satellite status: number, use, azimuth, elevation, C/N0 and lock time of each;
-    tables as of :func:`gsv`.
+    """Read u-blox satellite status: number, use, azimuth, elevation, C/N0 and lock time of each.
+
+    Arguments, ``(n,)``, and tables are those of :func:`gsv`.
     """
     blocks = []
     for first in range(3, max(min(int(read.count.max(initial=0)), 6 * _MAX_BLOCKS), 4), 6):
@@ -80,7 +85,7 @@ def pubx03(read: Reader, named: Ints) -> tuple[Columns, Columns]:
 
 
 def gsa(read: Reader, named: Ints) -> tuple[Columns, Columns]:
-    """Read satellites in use.
+    """Read satellites in use; arguments, ``(n,)``, are those of :func:`gsv`.
 
     Returns:
         By sentence, ``dimension`` (1 no fix, 2, 3), ``pdop hdop vdop``, ``covers``, the
@@ -115,6 +120,8 @@ def gsa(read: Reader, named: Ints) -> tuple[Columns, Columns]:
 
 def grs(read: Reader, named: Ints) -> tuple[Columns, Columns]:
     """Read residuals of the satellites in use, in the order of the GSA sentence of the same system.
+
+    Arguments, ``(n,)``, are those of :func:`gsv`.
 
     Returns:
         By sentence, time of day, ``covers`` as of :func:`gsa` and ``signal``; by satellite, ``slot
@@ -203,7 +210,7 @@ def signal_rows(view: Columns, tables: Mapping[str, Columns]) -> dict[str, Any]:
 
 def without_doubles(view: Columns) -> tuple[Columns, Ints]:
     """Return satellites without a signal's second row in an epoch, and the sentences of which
-    nothing is left.
+    nothing is left, int64 ``(k,)``.
     """
     key = (_key(view["epoch"], view) << 8) | (view["signal"] + 1)
     order = np.argsort(key, kind="stable")

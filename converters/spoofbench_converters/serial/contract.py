@@ -89,13 +89,13 @@ class EpochRows:
         columns: Mapping[str, ArrayLike | Column | Sequence[Any]],
         **times: Ints | None,
     ) -> Self:
-        """Return rows whose columns are given as to :class:`~spoofbench.table.Table`."""
+        """Return rows whose columns ``(n,)`` are given as to :class:`~spoofbench.table.Table`."""
         fields = KINDS[kind].fields
         made = {name: as_column(fields[name], given) for name, given in columns.items()}
         return cls(source, kind, epoch, made, **times)
 
     def take(self, rows: Bools | Ints) -> "EpochRows":
-        """Return the rows that a mask or index array selects."""
+        """Return the rows that a mask ``(n,)`` or index array selects."""
         columns = {
             name: Column(c.values[rows], None if c.valid is None else c.valid[rows], c.words)
             for name, c in self.columns.items()

@@ -8,7 +8,7 @@ from typing import IO
 
 import numpy as np
 
-from spoofbench.arrays import Octets, Times
+from spoofbench.arrays import Times
 from spoofbench.conversion import Item, Rejects, SourceMetadata, Used
 from spoofbench.errors import ConversionError
 from spoofbench_converters.serial.contract import EpochRows, Epochs, FrameDecoder, SerialOptions
@@ -16,7 +16,7 @@ from spoofbench_converters.serial.demux import PIECE_BYTES, Piece, demultiplex
 from spoofbench_converters.serial.gaps import RejectedBytes
 from spoofbench_converters.serial.host_timestamps import HostTimestamps
 from spoofbench_converters.serial.rows import TimedEpochs, TopicRows
-from spoofbench_converters.serial.time_axis import HORIZON, REASONS, TIMED, TimeAxis
+from spoofbench_converters.serial.time_axis import HORIZON, REASONS, TIMED, TimeAxis, Verdicts
 
 UBX_NOT_ASKED_FOR = "UBX frame: not asked for"
 
@@ -35,9 +35,9 @@ class _RunningDecoder:
     waiting: list[Epochs] = field(default_factory=list)
     first: int = 0
     time_ns: Times = field(default_factory=lambda: np.zeros(0, np.int64))
-    verdicts: Octets = field(default_factory=lambda: np.zeros(0, np.uint8))
+    verdicts: Verdicts = field(default_factory=lambda: np.zeros(0, np.uint8))
 
-    def timed(self, time_ns: Times, verdicts: Octets) -> Iterator[TimedEpochs]:
+    def timed(self, time_ns: Times, verdicts: Verdicts) -> Iterator[TimedEpochs]:
         """Take the times of the next epochs; yield the epochs of which all times are known."""
         self.time_ns = np.append(self.time_ns, time_ns)
         self.verdicts = np.append(self.verdicts, verdicts)

@@ -205,7 +205,7 @@ def _ahead(
 
 
 def _stops(octets: Octets, places: Ints) -> Ints:
-    """Return where the line of each place ends, line end excluded."""
+    """Return where the line of each offset ends, line end excluded."""
     breaks = np.append(np.flatnonzero((octets == _LF) | (octets == _CR)), octets.size)
     return breaks[np.searchsorted(breaks, places)]
 

@@ -39,16 +39,19 @@ _LF, _CR, _BANG, _DOLLAR, _STAR = b"\n\r!$*"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Places that begin like a frame: ``[starts, ends)`` in order of their starts, and one verdict
-    each, int64 and uint8 ``(k,)``.
+    """Stretches that begin like a frame, in order of their starts.
+
+    Attributes:
+        starts, ends: int64 ``(k,)``, ``[start, end)`` of each.
+        verdicts: uint8 ``(k,)``, one of the five above.
     """
 
     starts: Ints
     ends: Ints
-    verdicts: Octets
+    verdicts: NDArray[np.uint8]
 
     def before(self, limit: int) -> "Candidates":
-        """Return those that start before a place."""
+        """Return those that start before an offset."""
         return self.take(slice(0, int(np.searchsorted(self.starts, limit))))
 
     def valid(self) -> "Candidates":
@@ -56,21 +59,22 @@ class Candidates:
         return self.take(self.verdicts == VALID)
 
     def take(self, which: "slice | Bools") -> "Candidates":
-        """Return those that a slice or mask selects."""
+        """Return those that a slice or mask ``(k,)`` selects."""
         return Candidates(self.starts[which], self.ends[which], self.verdicts[which])
 
 
 def ubx(octets: Octets) -> Candidates:
-    """Return every ``B5 62`` (u-blox interface descriptions, UBX frame structure; checksum: 8-bit
-    Fletcher, RFC 1145).
+    """Return every ``B5 62`` in bytes ``(n,)`` (u-blox interface descriptions, UBX frame structure;
+    checksum: 8-bit Fletcher, RFC 1145).
     """
     starts = np.flatnonzero(octets[:-1] == 0xB5)
     starts = starts[octets[starts + 1] == 0x62]
     lengths = np.zeros(starts.size, np.int64)
-    told = starts + 6 <= octets.size
-    lengths[told] = octets[starts[told] + 4] + octets[starts[told] + 5].astype(np.int64) * 256
+    has_length = starts + 6 <= octets.size
+    low, high = octets[starts[has_length] + 4], octets[starts[has_length] + 5]
+    lengths[has_length] = low + high.astype(np.int64) * 256
     ends = starts + lengths + 8
-    whole = told & (ends <= octets.size)
+    whole = has_length & (ends <= octets.size)
     verdicts = np.full(starts.size, CUT, np.uint8)
     if whole.any():
         verdicts[whole] = np.where(
@@ -100,8 +104,8 @@ def _fletcher_agrees(octets: Octets, starts: Ints, ends: Ints) -> Bools:
 
 
 def sentences(octets: Octets, checksum: Checksum) -> Candidates:
-    """Return every ``$`` or ``!`` before a capital letter (IEC 61162-1; checksum: XOR of what
-    stands between start and ``*``).
+    """Return every ``$`` or ``!`` before a capital letter in bytes ``(n,)`` (IEC 61162-1; checksum:
+    XOR of what stands between start and ``*``).
 
     A candidate ends after ``*hh``; one without ``*`` at the end of its line, if it comes to one.
     """
@@ -123,23 +127,23 @@ def sentences(octets: Octets, checksum: Checksum) -> Candidates:
     return Candidates(starts, np.where(starred & (verdicts == VALID), ends + 3, ends), verdicts)
 
 
-def _checked(octets: Octets, starts: Ints, stars: Ints, checksum: Checksum) -> Octets:
+def _checked(octets: Octets, starts: Ints, stars: Ints, checksum: Checksum) -> NDArray[np.uint8]:
     """Return the verdicts on sentences that end with ``*``."""
     if not starts.size:
         return np.zeros(0, np.uint8)
     high, low = _hex_values()[_at(octets, stars + 1)], _hex_values()[_at(octets, stars + 2)]
-    told = (high < 16) & (low < 16)
-    agrees = told
+    is_hex = (high < 16) & (low < 16)
+    agrees = is_hex
     if checksum != "ignored":
-        agrees = told & (
+        agrees = is_hex & (
             _reduced(np.bitwise_xor, octets, starts + 1, stars) == high * np.uint8(16) + low
         )
     return np.where(agrees, VALID, np.where(stars + 2 >= octets.size, CUT, WRONG)).astype(np.uint8)
 
 
 def rtcm3(octets: Octets, outside: Candidates | None) -> Candidates:
-    """Return every valid RTCM 3 message (RTCM 10403, transport layer; CRC-24Q) that does not start
-    within one of these frames.
+    """Return every valid RTCM 3 message in bytes ``(n,)`` that does not start within one of the
+    frames ``outside`` (RTCM 10403, transport layer; CRC-24Q).
     """
     starts = np.flatnonzero(octets[:-5] == 0xD3) if octets.size > 5 else np.zeros(0, np.int64)
     starts = starts[octets[starts + 1] < 4]
@@ -200,8 +204,11 @@ def _hex_values() -> Octets:
 
 
 def chosen(starts: Ints, ends: Ints) -> Bools:
-    """Return which valid candidates a scan from left to right takes: each that starts at or after
-    the end of the one taken before.
+    """Return which valid candidates a scan from left to right takes, bool ``(k,)``: each that
+    starts at or after the end of the one taken before.
+
+    Args:
+        starts, ends: int64 ``(k,)``, in order of the starts.
     """
     taken = np.ones(starts.size, bool)
     if np.any(starts[1:] < ends[:-1]):
@@ -213,8 +220,12 @@ def chosen(starts: Ints, ends: Ints) -> Bools:
 
 
 def line_ends(octets: Octets, ends: Ints) -> Ints:
-    """Return where the line end after each place ends: up to two carriage returns and a line feed,
-    if there are any.
+    """Return where the line end after each offset ends, int64 ``(k,)``: up to two carriage returns
+    and a line feed, if there are any.
+
+    Args:
+        octets: the stretch, ``(n,)``.
+        ends: int64 ``(k,)``.
     """
     for byte in (_CR, _CR, _LF):
         ends = ends + (_at(octets, ends) == byte)

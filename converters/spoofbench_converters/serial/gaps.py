@@ -38,33 +38,34 @@ class DamageMarks:
 
 
 def divide(
-    octets: Octets, gaps: tuple[Ints, Ints], marks: DamageMarks, at_line_start: bool
+    octets: Octets, gaps: tuple[Ints, Ints], damage: DamageMarks, at_line_start: bool
 ) -> tuple[Ints, Ints, NDArray[np.int8]]:
-    """Return starts, ends and reasons of the rejects that skipped bytes make.
+    """Return starts, ends and reasons, int64 and int8 ``(r,)``, of the rejects that skipped bytes
+    make.
 
     A run of skipped bytes is divided where a damaged frame or sentence, or a comment, starts; a
     damaged sentence and a comment end with their line. The rest of a run is blank, else text, else
     binary.
 
     Args:
-        octets: a stretch of the log.
-        gaps: starts and ends of what is skipped, in order, none empty.
-        marks: damage, within the gaps or not.
+        octets: a stretch of the log, ``(n,)``.
+        gaps: starts and ends of what is skipped, int64 ``(g,)``, in order, none empty.
+        damage: where it starts, within the gaps or not.
         at_line_start: whether a line starts with the first byte.
     """
     starts, ends = gaps
     comments = _comments(octets, starts, ends, at_line_start)
-    offsets = np.concatenate([marks.offsets, comments])
-    of_marks = np.concatenate([marks.reasons, np.full(comments.size, COMMENT, np.int8)])
+    offsets = np.concatenate([damage.offsets, comments])
+    known = np.concatenate([damage.reasons, np.full(comments.size, COMMENT, np.int8)])
     skipped = _within(offsets, starts, ends)
-    offsets, of_marks = offsets[skipped], of_marks[skipped]
-    lines = offsets[(of_marks == COMMENT) | (of_marks >= WRONG)]
+    offsets, known = offsets[skipped], known[skipped]
+    lines = offsets[(known == COMMENT) | (known >= WRONG)]
     stops = _line_stops(octets, lines)
     stops = stops[(stops - lines <= LONGEST) & _within(stops, starts, ends)]
     bounds = np.sort(np.concatenate([starts, offsets, stops]), kind="stable")
     bounds = bounds[np.diff(bounds, prepend=-1) > 0]
     reasons = np.full(bounds.size, -1, np.int8)
-    reasons[np.searchsorted(bounds, offsets)] = of_marks
+    reasons[np.searchsorted(bounds, offsets)] = known
     stops = np.minimum(
         np.append(bounds[1:], octets.size), ends[np.searchsorted(starts, bounds, "right") - 1]
     )
@@ -75,7 +76,9 @@ def divide(
 
 
 def rejects(base: int, starts: Ints, ends: Ints, reasons: NDArray[np.int8]) -> list[Rejects]:
-    """Return rejects by reason; ``base`` is the offset of the stretch in the log."""
+    """Return rejects by reason, of starts, ends and reasons ``(r,)`` as of :func:`divide`; ``base``
+    is the offset of the stretch in the log.
+    """
     return [
         Rejects(
             starts[reasons == reason] + base, (ends - starts)[reasons == reason], REASONS[reason]
@@ -102,7 +105,7 @@ def _comments(octets: Octets, starts: Ints, ends: Ints, at_line_start: bool) -> 
 
 
 def _line_stops(octets: Octets, offsets: Ints) -> Ints:
-    """Return where the line of each place ends, line end included."""
+    """Return where the line of each offset ends, line end included."""
     if not offsets.size:
         return offsets
     breaks = np.append(np.flatnonzero((octets == _LF) | (octets == _CR)), octets.size)
@@ -172,8 +175,12 @@ class RejectedBytes:
         self._starts, self._ends = [starts[apart]], [ends[np.append(apart[1:], True)[: ends.size]]]
 
     def lay(self, offsets: Ints, lengths: Ints, reason: str) -> Iterator[Rejects]:
-        """Yield rejects for epochs in the order of their offsets, none of whose bytes overlap a
-        reject known.
+        """Yield rejects for epochs, none of whose bytes overlap a reject known.
+
+        Args:
+            offsets: int64 ``(m,)``, of the epochs, in order.
+            lengths: int64 ``(m,)``, bytes of each.
+            reason: of all.
         """
         starts, ends = (each.tolist() for each in self._sorted())
         begins, sizes, at, here = [], [], 0, 0

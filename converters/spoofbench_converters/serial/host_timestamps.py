@@ -52,13 +52,19 @@ class HostTimestamps:
         self.without_zone = 0
 
     def before(self, octets: Octets, starts: Ints, ends: Ints) -> tuple[Bools, Ints]:
-        """Return which texts ``[start, end)`` are understood, and their times, ``ABSENT_NS`` where
-        they have none.
+        """Return which texts ``[start, end)`` before sentences are understood, and their times.
+
+        Args:
+            octets: a stretch of the log, ``(n,)``.
+            starts, ends: int64 ``(k,)``.
+
+        Returns:
+            Bool ``(k,)``, and Unix ns, int64 ``(k,)``, ``ABSENT_NS`` where a text has no time.
         """
         return self._read(octets, starts, ends, _BEFORE)
 
     def after(self, octets: Octets, starts: Ints, ends: Ints) -> tuple[Bools, Ints]:
-        """Do the same for texts behind sentences."""
+        """Do the same for texts ``(k,)`` behind sentences."""
         return self._read(octets, starts, ends, _AFTER)
 
     def _read(

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from spoofbench.arrays import Ints, Octets, Times
+from spoofbench.arrays import Ints, Times
 from spoofbench.conversion import Block, Rejects, RowBatch, RowBuffer
 from spoofbench.schema import KINDS, topic_of
 from spoofbench.table import Column, Table
 from spoofbench_converters.serial.contract import ABSENT_NS, EpochRows, Epochs
-from spoofbench_converters.serial.time_axis import TIMED
+from spoofbench_converters.serial.time_axis import TIMED, Verdicts
 
 BLOCK_EPOCHS = 60
 RESTART_NS = 60_000_000_000
@@ -32,7 +32,7 @@ class TimedEpochs:
 
     epochs: Epochs
     time_ns: Times
-    verdicts: Octets
+    verdicts: Verdicts
     first: int
 
     def batch(self, rows: EpochRows) -> RowBatch:

@@ -12,8 +12,9 @@ from itertools import pairwise
 from statistics import median
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spoofbench.arrays import Ints, Octets, Times
+from spoofbench.arrays import Ints, Times
 from spoofbench.conversion import Columns
 from spoofbench.conversion.rows import join, take
 from spoofbench_converters.serial.contract import ABSENT_NS, Epochs, SerialOptions
@@ -46,7 +47,9 @@ _NEARLY_ALL = 0.9
 _MAX_WAITING = 100_000
 """Epochs that wait for a date at most, where dates are carried backward."""
 
-Decided = dict[int, tuple[Times, Octets]]
+Verdicts = NDArray[np.uint8]
+
+Decided = dict[int, tuple[Times, Verdicts]]
 """By protocol, times and verdicts of its next epochs."""
 
 
@@ -123,7 +126,7 @@ class ClockFollower:
 
     def times(
         self, protocol: Ints, offset: Ints, clock_ns: Ints, count: int
-    ) -> tuple[Ints, Octets]:
+    ) -> tuple[Ints, Verdicts]:
         """Return times and verdicts of the first ``count`` epochs given, int64 and uint8
         ``(count,)``; those behind them are only looked at.
 

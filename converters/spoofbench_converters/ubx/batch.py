@@ -39,7 +39,7 @@ class MessageFrames:
     head: NDArray[np.void]
 
     def take(self, rows: Bools) -> "MessageFrames":
-        """Return the frames that a mask selects."""
+        """Return the frames that a mask ``(k,)`` selects."""
         return MessageFrames(self.index[rows], self.epoch[rows], self.head[rows])
 
 
@@ -107,11 +107,11 @@ class EpochBatch:
         return self.buffer.blocks(frames.index, message.head.itemsize, message.block)
 
     def use(self, index: Ints) -> None:
-        """Count these frames as having given rows."""
+        """Count frames, int64 ``(n,)``, as having given rows."""
         self._fate[index] = _USED
 
     def refuse(self, index: Ints, reason: str) -> None:
-        """Reject these frames of one message."""
+        """Reject frames of one message, int64 ``(n,)``."""
         if index.size:
             self._fate[index] = _REFUSED
             name = MESSAGES[int(self.buffer.number[index[0]])].name
@@ -120,8 +120,8 @@ class EpochBatch:
             )
 
     def settle(self) -> tuple[Ints, list[Rejects]]:
-        """Return the bytes that gave rows, by epoch, and all rejects; what completes an epoch's
-        rows shares their fate.
+        """Return the bytes that gave rows, by epoch, int64 ``(count,)``, and all rejects; what
+        completes an epoch's rows shares their fate.
         """
         gave = np.bincount(self.epoch[self._fate == _USED], minlength=self.count) > 0
         undecided = np.flatnonzero(self._fate == _UNDECIDED)
@@ -140,7 +140,7 @@ class EpochBatch:
     def rows(
         self, source: str, kind: str, index: Ints, columns: FieldColumns, **times: Ints
     ) -> EpochRows:
-        """Return rows of which each came from one frame."""
+        """Return rows of which each came from one frame, int64 ``(n,)``."""
         received = self.buffer.receive_time_ns[index]
         return EpochRows.of(
             source,
@@ -153,7 +153,9 @@ class EpochBatch:
 
 
 class EpochColumns:
-    """Columns by epoch that several messages fill, the first that says a thing keeping it."""
+    """Columns ``(count,)`` by epoch that several messages fill; the first that has a value keeps
+    it.
+    """
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -166,14 +168,14 @@ class EpochColumns:
         return iter(self._columns)
 
     def fill(self, epoch: Ints, **values: NDArray[Any]) -> None:
-        """Give these epochs (each once) values where they have none; NaN is none."""
+        """Give epochs ``(k,)``, each once, values ``(k,)`` where they have none; NaN is none."""
         for name, given in values.items():
             column = self[name]
             column[epoch] = np.where(np.isnan(column[epoch]), given, column[epoch])
 
     def fill_together(self, epoch: Ints, **values: NDArray[Any]) -> None:
-        """Fill fields that belong together from one message: only where the first named has none,
-        and then all of them.
+        """Fill fields that belong together, ``(k,)`` each, from one message: only where the first
+        named has none, and then all of them.
         """
         first = next(iter(values))
         lacking = np.isnan(self[first][epoch]) & ~np.isnan(values[first])
@@ -182,20 +184,20 @@ class EpochColumns:
 
 
 def whole(values: Floats, dtype: str = "int64") -> Column:
-    """Return floats as whole numbers, absent where NaN."""
+    """Return floats ``(n,)`` as whole numbers, absent where NaN."""
     valid = ~np.isnan(values)
     return Column(np.where(valid, values, 0).astype(dtype), valid)
 
 
 def absent_where(mask: Bools, values: NDArray[Any]) -> Floats:
-    """Return values as float64, NaN where masked, and where they are no finite number."""
+    """Return values ``(n,)`` as float64, NaN where masked, and where they are no finite number."""
     with np.errstate(invalid="ignore"):  # a signalling NaN
         result = values.astype(np.float64)
     return np.where(mask | ~np.isfinite(result), np.nan, result)
 
 
 def scaled(values: NDArray[Any], scale: float, unknown: int | None = None) -> Floats:
-    """Return whole numbers times a scale, NaN where they are the value that means unknown."""
+    """Return whole numbers ``(n,)`` times a scale, NaN where they are ``unknown``."""
     result = values.astype(np.float64) * scale
     return result if unknown is None else np.where(values == unknown, np.nan, result)
 

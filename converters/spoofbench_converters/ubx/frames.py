@@ -68,7 +68,7 @@ class FrameBuffer:
         return cls(np.zeros(0, np.uint8), *[nothing] * 8)
 
     def take(self, rows: NDArray[Any]) -> Self:
-        """Return the frames that a mask or index array selects."""
+        """Return the frames that a mask ``(k,)`` or index array selects."""
         arrays = {
             field.name: getattr(self, field.name)[rows]
             for field in fields(self)
@@ -91,8 +91,14 @@ class FrameBuffer:
         return replace(self, **arrays)
 
     def heads(self, rows: Ints, layout: np.dtype[np.void]) -> NDArray[np.void]:
-        """Read the beginning of these frames' payloads by a layout; what a payload lacks reads
-        0.
+        """Read the beginning of payloads by a layout; what a payload lacks reads 0.
+
+        Args:
+            rows: int64 ``(n,)``, indices of the frames.
+            layout: of the fields.
+
+        Returns:
+            Structured ``(n,)``.
         """
         heads = np.zeros(rows.size, layout)
         sizes = np.minimum(self.size[rows], layout.itemsize)
@@ -105,8 +111,15 @@ class FrameBuffer:
     def blocks(
         self, rows: Ints, head: int, layout: np.dtype[np.void]
     ) -> tuple[NDArray[np.void], Ints]:
-        """Read all blocks that follow ``head`` bytes of these frames' payloads; return them and the
-        place in ``rows`` of each.
+        """Read all blocks that follow ``head`` bytes of payloads.
+
+        Args:
+            rows: int64 ``(n,)``, indices of the frames.
+            head: bytes before the first block.
+            layout: of one block.
+
+        Returns:
+            Blocks, structured ``(b,)``, and which of ``rows`` each is of, int64 ``(b,)``.
         """
         counts = (self.size[rows] - head) // layout.itemsize
         starts = (

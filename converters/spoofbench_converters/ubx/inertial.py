@@ -46,6 +46,9 @@ u-blox M8 receivers (its data sheet). A receiver's own was 0.3 % slow, so it cou
 alone: from one to the next the milliseconds since start-up count, in the field that the
 descriptions reserve, if they are there."""
 
+_RATE_RADPS = np.pi / 180 * 1e-3
+_NO_VALUE = "no value valid"
+
 TICK_BASIS = {
     "ESF-MEAS": "1 ms, as receivers stamp their own sensors; not documented",
     "ESF-RAW": (
@@ -57,7 +60,7 @@ TICK_BASIS = {
 
 
 @dataclass(slots=True)
-class _Counter:
+class _WrappingCounter:
     """A counter that wraps, unwrapped as far as it has been read."""
 
     bits: int = 32
@@ -84,8 +87,8 @@ class UbxSensors:
 
     def __init__(self) -> None:
         self.sources: dict[tuple[str, int], str] = {}
-        self._counters: dict[tuple[str, int], _Counter] = {}
-        self._raw_tags = _Counter(_RAW_BITS)
+        self._counters: dict[tuple[str, int], _WrappingCounter] = {}
+        self._raw_tags = _WrappingCounter(_RAW_BITS)
 
     def rows(self, batch: EpochBatch) -> list[EpochRows]:
         """Return the rows of a batch.
@@ -120,15 +123,15 @@ class UbxSensors:
         """Number the sources that appear for the first time."""
         numbers, first = np.unique(measured.head["id"], return_index=True)
         begins = {
-            ("ESF-MEAS", int(number)): int(measured.index[owner])
-            for number, owner in zip(numbers, first, strict=True)
+            ("ESF-MEAS", int(number)): int(measured.index[row])
+            for number, row in zip(numbers, first, strict=True)
         }
         if raw.index.size:
             begins["ESF-RAW", 0] = int(raw.index[0])
         for key in sorted(begins, key=begins.__getitem__):
             if key not in self.sources and len(self.sources) < MAX_SOURCES:
                 self.sources[key] = f"imu{len(self.sources)}"
-                self._counters[key] = _Counter()
+                self._counters[key] = _WrappingCounter()
 
     def _measured(
         self, batch: EpochBatch, frames: MessageFrames, number: int
@@ -139,9 +142,8 @@ class UbxSensors:
         blocks, owner = batch.blocks("ESF-MEAS", frames)
         ends = np.ones(owner.size, bool)
         ends[:-1] = owner[1:] != owner[:-1]
-        data = ~(
-            ends & (frames.head["flags"][owner] & 8 > 0)
-        )  # a last word may be the time tag in the receiver's clock
+        # a last word may be the time tag in the receiver's clock
+        data = ~(ends & (frames.head["flags"][owner] & 8 > 0))
         ticks = self._counters[key].unwrap(frames.head["timeTag"].astype(np.int64)) * MS_NS
         owner = owner[data]
         return _rows(
@@ -166,8 +168,10 @@ class UbxSensors:
         return _rows(batch, self.sources[key], frames.index[owner], ticks, blocks["data"])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _SensorRows:
+    """Rows, and the frames that they came from, int64 ``(k,)``."""
+
     rows: EpochRows
     index: Ints
 
@@ -229,19 +233,15 @@ def _instants(ticks: Ints, kind: Ints) -> tuple[Ints, Ints]:
     return np.flatnonzero(fresh), np.cumsum(fresh) - 1
 
 
-_RATE = np.pi / 180 * 1e-3
-_NO_VALUE = "no value valid"
-
-
 def rates(head: NDArray[np.void]) -> dict[str, Floats]:
     """Return rates (deg/s to rad/s) and accelerations without gravity of UBX-ESF-INS and -HNR-INS,
-    NaN where their flags are clear.
+    ``(n,)`` each, NaN where their flags are clear.
     """
     columns = {}
     for bit, (name, field, scale) in enumerate(
         (
-            ("rate_x_radps", "xAngRate", _RATE), ("rate_y_radps", "yAngRate", _RATE),
-            ("rate_z_radps", "zAngRate", _RATE),
+            ("rate_x_radps", "xAngRate", _RATE_RADPS), ("rate_y_radps", "yAngRate", _RATE_RADPS),
+            ("rate_z_radps", "zAngRate", _RATE_RADPS),
             ("linear_accel_x_mps2", "xAccel", 1e-2), ("linear_accel_y_mps2", "yAccel", 1e-2),
             ("linear_accel_z_mps2", "zAccel", 1e-2),
         ), 8,
@@ -251,8 +251,8 @@ def rates(head: NDArray[np.void]) -> dict[str, Floats]:
 
 
 def angles(head: NDArray[np.void]) -> dict[str, Floats]:
-    """Return roll, pitch, heading of UBX-NAV-ATT and -HNR-ATT, and the largest of their accuracies;
-    none where all accuracies read 0.
+    """Return roll, pitch, heading of UBX-NAV-ATT and -HNR-ATT, and the largest of their accuracies,
+    ``(n,)`` each; NaN where all accuracies read 0.
     """
     accuracy = np.max([head["accRoll"], head["accPitch"], head["accHeading"]], axis=0)
     unset = accuracy == 0
@@ -342,21 +342,21 @@ def high_rate(batch: EpochBatch, times: EpochTimes, source: str) -> list[EpochRo
         return []
     time = np.concatenate([one.head["iTOW"] for one in frames]).astype(np.int64)
     index = np.concatenate([one.index for one in frames])
-    instants, owner = _high_rate_instants(index, epoch, time)
-    fields = EpochColumns(instants.size)
+    first, instant = _high_rate_instants(index, epoch, time)
+    fields = EpochColumns(first.size)
     valid = np.zeros(index.size, bool)
     start = 0
     for one, read in zip(frames, (_high_rate_pvt, angles, rates), strict=True):
         chosen = slice(start, start + one.index.size)
         for name, values in read(one.head).items():
-            fields.fill(owner[chosen], **{name: values})
+            fields.fill(instant[chosen], **{name: values})
             valid[chosen] |= ~np.isnan(values)
         start += one.index.size
     batch.use(index[valid])
     for one in frames:
         batch.refuse(one.index[~np.isin(one.index, index[valid])], _NO_VALUE)
-    reported = np.isin(np.arange(instants.size), owner[valid])
-    first = instants[reported]
+    reported = np.isin(np.arange(first.size), instant[valid])
+    first = first[reported]
     after = wrap_difference(time[first] - np.maximum(times.time_ms[epoch[first]], 0), WEEK_MS)
     columns = {name: fields[name][reported] for name in fields}
     return [batch.rows(source, "ins/pva", index[first], columns, offset_ns=after * MS_NS)]
@@ -370,9 +370,9 @@ def _high_rate_instants(index: Ints, epoch: Ints, time: Ints) -> tuple[Ints, Int
     pairs = np.stack([epoch[order], time[order]])
     _, first, inverse = np.unique(pairs, axis=1, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
-    owner = np.empty(index.size, np.int64)
-    owner[order] = rank[inverse.ravel()]
-    return order[np.sort(first)], owner
+    instant = np.empty(index.size, np.int64)
+    instant[order] = rank[inverse.ravel()]
+    return order[np.sort(first)], instant
 
 
 def _high_rate_pvt(head: NDArray[np.void]) -> dict[str, Floats]:

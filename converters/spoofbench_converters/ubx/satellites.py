@@ -66,13 +66,15 @@ _SINGLE[_NONE, 0] = GLONASS  # a satellite whose slot is not known yet
 
 
 def constellation(single: Octets) -> tuple[Ints, Ints]:
-    """Return gnssId and svId of satellites in the single numbering, 255 where unknown."""
+    """Return gnssId and svId, int64 ``(n,)``, of satellites in the single numbering, 255 where
+    unknown.
+    """
     return _SINGLE[single, 0], _SINGLE[single, 1]
 
 
 def numbered(gnss: NDArray[np.integer], number: NDArray[np.integer]) -> FieldColumns:
-    """Return the columns ``constellation`` and ``svid``; a GLONASS satellite of unknown slot has no
-    number.
+    """Return the columns ``constellation`` and ``svid`` of gnssId and svId ``(n,)``; a GLONASS
+    satellite of unknown slot has no number.
     """
     known = gnss <= NAVIC
     return {
@@ -82,7 +84,9 @@ def numbered(gnss: NDArray[np.integer], number: NDArray[np.integer]) -> FieldCol
 
 
 def signal_codes(gnss: NDArray[np.integer], signal: NDArray[np.integer]) -> Column:
-    """Return the RINEX 3 band and attribute of each u-blox sigId, absent where not known."""
+    """Return the RINEX 3 band and attribute of each u-blox gnssId and sigId ``(n,)``, absent where
+    not known.
+    """
     return Column(_CODE[gnss, signal], None, _WORDS)
 
 

@@ -60,14 +60,14 @@ def fix_type(
     differential: Bools,
     carrier: NDArray[np.integer],
 ) -> Floats:
-    """Return the schema's ``FixType`` of u-blox's, as floats, NaN where it is none of the described
-    (UBX-NAV-PVT, fixType and flags).
+    """Return the schema's ``FixType`` of u-blox's, as floats ``(n,)``, NaN where it is none of the
+    described (UBX-NAV-PVT, fixType and flags).
 
     Args:
         fix: 0 none, 1 dead reckoning, 2 2D, 3 3D, 4 GNSS and dead reckoning, 5 time only.
         ok: within the limits of accuracy and dilution that the user set; what is not is no fix.
-        differential: corrections were applied; told of 3D fixes only, for others it is the lesser
-            fact.
+        differential: corrections were applied; reported of 3D fixes only, for others it is the
+            lesser fact.
         carrier: carrier phase solution: 1 with floating ambiguities, 2 with fixed ones.
     """
     result = np.where(fix < _FIX.size, _FIX[np.minimum(fix, _FIX.size - 1)], np.nan)
@@ -140,8 +140,8 @@ class Solutions:
 
 
 def llh(head: NDArray[np.void], invalid: Bools) -> dict[str, Floats]:
-    """Return position columns of the fields lon, lat (1e-7 deg), height, hMSL (mm), with their
-    extra digits where the message has them.
+    """Return position columns ``(n,)`` of the fields lon, lat (1e-7 deg), height, hMSL (mm), with
+    their extra digits where the message has them; NaN where ``invalid``.
     """
     fine = "latHp" in (head.dtype.names or ())
     result = {}

@@ -29,13 +29,15 @@ _WEEK_MS = WEEK_NS // MS_NS
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpochTimes:
-    """By epoch; the first two as in ``Epochs``.
+    """What ``m`` epochs claim.
 
     Attributes:
-        week, tow_s: GPS week and time of week, NaN where not told; the week that UTC and time of
-            week imply, where no message tells it.
-        time_valid: whether the receiver says that its time is valid; NaN where it does not say.
-        time_ms: time of week of the navigation epoch, -1 where none.
+        claimed_ns, period_ns: int64 ``(m,)``, as in ``Epochs``.
+        week, tow_s: float64 ``(m,)``, GPS week and time of week, NaN where not reported; the week
+            that UTC and time of week imply, where no message has it.
+        time_valid: float64 ``(m,)``, whether the receiver says that its time is valid; NaN where it
+            does not say.
+        time_ms: int64 ``(m,)``, time of week of the navigation epoch, -1 where none.
     """
 
     claimed_ns: Ints
@@ -219,11 +221,10 @@ def _times(batch: EpochBatch) -> Ints:
 
 
 def utc_ns(fields: NDArray[np.void]) -> Ints:
-    """Return Unix nanoseconds of the fields year, month, day, hour, min, sec and nano;
-    ``ABSENT_NS`` where they are no date.
+    """Return Unix nanoseconds, int64 ``(n,)``, of the fields year, month, day, hour, min, sec and
+    nano; ``ABSENT_NS`` where they are no date.
 
-    Nanoseconds are signed: seconds are rounded to the nearest one. Second 60 is the second after
-    59.
+    Nanoseconds are signed: seconds are rounded to the nearest one.
     """
     time, exists = calendar_to_utc(
         *(fields[name] for name in ("year", "month", "day", "hour", "min", "sec", "nano"))
