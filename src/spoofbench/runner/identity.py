@@ -20,6 +20,7 @@ from spoofbench.schema import SCHEMA_VERSION
 DECISIVE = (
     "arrays",
     "attacks",
+    "config",
     "detector",
     "gnss_time",
     "navigation",

@@ -1,62 +1,22 @@
-"""Configuration: values of TOML files and texts of the command line, read into dataclasses.
-
-The dataclass is the whole description. Its fields are the keys, its annotations say what each may
-be, its defaults what may be left out::
-
-    @dataclass(frozen=True)
-    class Parameters:
-        rate_mps: Annotated[float, Gt(0)]
-        axis: Literal["north", "east"] = "north"
-        window_s: tuple[float, float] | None = None
-
-    read(Parameters, {"rate_mps": 2, "axis": "east"}, "the suite 'drive.toml'")
-    read(Parameters, {"rate_mps": Text("2"), "window_s": Text("[0, 9.5]")}, "attack 'drag-off'")
-
-An annotation can be ``bool``, ``int`` (of 64 bits), ``float`` (finite, unless the field's default
-is not), ``str``, a numpy scalar, ``Literal``, an enum (read by value or name), a path, ``None``, a
-union, tuple, list or mapping of these, a dataclass, or ``Any`` (what TOML can say, apart from
-dates), or ``object`` (whatever is there, as it is). ``Annotated`` adds constraints of
-:mod:`annotated_types`, and by its ``doc("...")`` the words for what a value must be.
-``field(metadata={"key": ...})`` gives a field another key.
-"""
+"""One table, and each value in it, on the way to what a dataclass's annotations say."""
 
 import difflib
-import json
 import math
 import operator
-import re
-import reprlib
 import tomllib
-from collections.abc import (
-    Callable,
-    Iterable,
-    Iterator,
-    Mapping,
-    Sequence,
-)
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
-from datetime import date
 from enum import Enum
-from pathlib import Path, PurePath
+from functools import cache
+from pathlib import PurePath
 from types import NoneType, UnionType
-from typing import (
-    Annotated,
-    Any,
-    Final,
-    Literal,
-    TypeVar,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import DocInfo, Ge, GroupedMetadata, Gt, Le, Lt, MaxLen, MinLen, Predicate
 
-from spoofbench.errors import ConfigError, SpoofbenchError
-
-T = TypeVar("T")
+from spoofbench.config.wording import bare_key, did_you_mean, one_line, shown
+from spoofbench.errors import SpoofbenchError
 
 NOT_ONLY_FINITE = "not only finite"
 """In ``Annotated``: floats within may be infinite or NaN."""
@@ -80,61 +40,6 @@ class Text(str):
     """
 
     __slots__ = ()
-
-
-def read_toml(
-    source: Path | bytes | str, what: str, error: type[SpoofbenchError] = ConfigError
-) -> dict[str, Any]:
-    """Return the table of a TOML file, or of the bytes or text of one.
-
-    Args:
-        source: a path, or what is in the file.
-        what: what an error calls it, such as ``the suite 'drive.toml'``.
-        error: class of the error.
-
-    Raises:
-        SpoofbenchError: of the class ``error``: it cannot be read, or is not TOML.
-    """
-    try:
-        content = source.read_bytes() if isinstance(source, Path) else source
-        return tomllib.loads(content.decode() if isinstance(content, bytes) else content)
-    except OSError as reason:
-        raise error(f"{what} cannot be read: {reason.strerror or reason}") from reason
-    except RecursionError as reason:
-        raise error(f"{what} is not TOML: it nests too deeply") from reason
-    except ValueError as reason:
-        raise error(f"{what} is not TOML: {_one_line(reason)}") from reason
-
-
-def read(
-    kind: type[T],
-    table: Mapping[str, Any],
-    where: str,
-    *,
-    section: str = "",
-    noun: str = "key",
-    error: type[SpoofbenchError] = ConfigError,
-) -> T:
-    """Return a dataclass made from a table, with each value read as its field's annotation says.
-
-    Args:
-        kind: the dataclass. A ``ValueError`` of its ``__post_init__`` says what does not fit.
-        table: by key, what TOML or JSON can say, finished instances, or :class:`Text`.
-        where: what an error names first, such as ``the suite 'drive.toml'``.
-        section: of the file that the table is, such as ``table.log``.
-        noun: what an error calls a key, such as ``parameter``.
-        error: class of the error.
-
-    Raises:
-        SpoofbenchError: of the class ``error``, in one sentence: a key is unknown or missing, a
-            value is not what its annotation says, or the dataclass refuses the values.
-    """
-    try:
-        top = _Section(where, noun, error)
-        made: T = (top.within(section) if section else top).read(kind, table)
-    except RecursionError as reason:
-        raise error(f"{where} nests its tables too deeply; write it flat") from reason
-    return made
 
 
 def plain(value: Any) -> Any:
@@ -161,20 +66,8 @@ def plain(value: Any) -> Any:
     raise TypeError(f"neither JSON nor TOML can say {value!r}")
 
 
-def did_you_mean(given: str, known: Iterable[str]) -> str:
-    """Return how a sentence about an unknown name ends: with the nearest name, or with all."""
-    known = sorted(known)
-    near = difflib.get_close_matches(given[:100], known, 1)
-    return f"; did you mean {near[0]!r}?" if near else f"; there are {known or 'none'}"
-
-
-def bare_key(key: str) -> str:
-    """Return a key as TOML writes it: quoted where it must be."""
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key)
-
-
 @dataclass(frozen=True, slots=True)
-class _Section:
+class Section:
     """A table on its way to a dataclass, and how an error calls it."""
 
     where: str
@@ -188,7 +81,7 @@ class _Section:
             if key not in known:
                 has = "has an unknown" if self.noun == "key" else "has no"
                 hint = did_you_mean(str(key), known)
-                raise self.error(f"{self.where} {has} {self.noun} {_shown(key)}{hint}")
+                raise self.error(f"{self.where} {has} {self.noun} {shown(key)}{hint}")
         hints = self._annotations(kind) if table else {}
         values = {}
         for key, each in known.items():
@@ -200,31 +93,36 @@ class _Section:
         try:
             return kind(**values)
         except (ValueError, SpoofbenchError) as reason:
-            refusal = _one_line(reason)
+            refusal = one_line(reason)
         except Exception as reason:  # noqa: BLE001, the dataclass of a plugin may raise anything
-            refusal = f"{type(reason).__name__}: {_one_line(reason)}"
+            refusal = f"{type(reason).__name__}: {one_line(reason)}"
         raise self.error(
             f"{self.where}: {refusal}"
             if self.noun == "key"
-            else f"{self.where} refuses its {self.noun}s {_shown(values)}: {refusal}"
+            else f"{self.where} refuses its {self.noun}s {shown(values)}: {refusal}"
         )
 
-    def within(self, key: str, number: int | None = None) -> "_Section":
+    def within(self, key: str, number: int | None = None) -> "Section":
         """Return the table under a key, or one of several under it."""
         path = f"{self.path}.{key}" if self.path else key
         label = f"[{path}]" if number is None else f"[[{path}]] number {number}"
         top = self.where.removesuffix(f", [{self.path}]") if self.path else self.where
-        return _Section(f"{top}, {label}", self.noun, self.error, path)
+        return Section(f"{top}, {label}", self.noun, self.error, path)
 
-    def _annotations(self, kind: type[Any]) -> dict[str, Any]:
+    def _annotations(self, kind: Any) -> dict[str, Any]:
         try:
-            return get_type_hints(kind, include_extras=True)
+            return _annotations_of(kind)
         except Exception as reason:  # annotations of a plugin may raise anything
             raise self.error(
                 f"{self.where}: the annotations of {kind.__name__} cannot be resolved: "
-                f"{type(reason).__name__}: {_one_line(reason)}; its author must import what they "
+                f"{type(reason).__name__}: {one_line(reason)}; its author must import what they "
                 "name at run time"
             ) from reason
+
+
+@cache
+def _annotations_of(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind, include_extras=True)
 
 
 class _Mismatch(Exception):
@@ -239,7 +137,7 @@ class _Value:
     list from 1.
     """
 
-    section: _Section
+    section: Section
     key: str
     default: Any = None
     number: int | None = None
@@ -257,7 +155,7 @@ class _Value:
             label, wrong, wanted = mismatch.args
         noun = "" if self.section.noun == "key" else f"{self.section.noun} "
         raise self.section.error(
-            f"{self.section.where}: {noun}{label} = {_shown(wrong)} must be {wanted}"
+            f"{self.section.where}: {noun}{label} = {shown(wrong)} must be {wanted}"
         )
 
     def read(self, kind: Any, value: Any) -> Any:
@@ -312,8 +210,7 @@ class _Value:
         if kind is bool:
             return self._require(isinstance(value, bool), value, "true or false")
         if kind is int:
-            fits = isinstance(value, int) and not isinstance(value, bool)
-            return int(self._require(fits and abs(value) < 2**63, value, "a whole number"))
+            return int(self._require(_is_int64(value), value, "a whole number"))
         if kind is float:
             return self._number(value)
         if kind is str:
@@ -337,9 +234,12 @@ class _Value:
             number = float(value)
         except OverflowError:
             number = math.nan
-        fits = math.isfinite(number) or number == self.default or self.any_float
-        self._require(fits, value, "a finite number")
+        self._require(self._is_allowed(number), value, "a finite number")
         return number
+
+    def _is_allowed(self, number: float) -> bool:
+        is_default = isinstance(self.default, float) and number == self.default
+        return math.isfinite(number) or is_default or self.any_float
 
     def _numpy(self, kind: Any, value: Any) -> Any:
         import numpy as np
@@ -348,7 +248,8 @@ class _Value:
         if issubclass(kind, np.bool_):
             return kind(self.read(bool, value))
         is_whole = issubclass(kind, np.integer)
-        if kind.__subclasses__() or not (is_whole or issubclass(kind, np.floating)):
+        is_number = is_whole or issubclass(kind, np.floating)
+        if not is_number or kind in (np.integer, np.signedinteger, np.unsignedinteger, np.floating):
             return self._other(kind, value)
         number = self.read(int if is_whole else float, value)
         limits: Any = np.iinfo(kind) if is_whole else np.finfo(kind)
@@ -360,13 +261,13 @@ class _Value:
     def _choice(self, choices: Sequence[tuple[Any, Any]], value: Any) -> Any:
         """Return what goes with a plain value, of pairs of plain value and choice."""
         sought = plain(value) if isinstance(value, Enum) else value
-        for said, choice in choices:
-            if type(said) is type(sought) and said == sought:
+        for known, choice in choices:
+            if type(known) is type(sought) and known == sought:
                 return choice
-        known = list(dict.fromkeys(_shown(said) for said, _ in choices))
-        near = difflib.get_close_matches(_shown(sought), known, 1)
+        names = list(dict.fromkeys(shown(known) for known, _ in choices))
+        near = difflib.get_close_matches(shown(sought), names, 1)
         hint = f"; did you mean {near[0]}?" if near else ""
-        raise _Mismatch(self.label, value, f"one of {', '.join(known)}{hint}")
+        raise _Mismatch(self.label, value, f"one of {', '.join(names)}{hint}")
 
     def _union(self, kinds: Sequence[Any], value: Any) -> Any:
         """Return the value as the kind that it is already, or else the first that it can be."""
@@ -418,9 +319,7 @@ class _Value:
             return self._table((str, Any), value)
         if value is None or isinstance(value, str | bool):
             return value
-        fits = isinstance(value, int) and abs(value) < 2**63
-        if not fits:
-            fits = isinstance(value, float) and (math.isfinite(value) or value == self.default)
+        fits = self._is_allowed(value) if isinstance(value, float) else _is_int64(value)
         return self._require(
             fits, value, "a string, a finite number, true or false; write dates as strings"
         )
@@ -458,7 +357,7 @@ class _Value:
             return not isinstance(rule, Predicate) or bool(rule.func(value))
         except Exception as reason:  # a rule of a plugin may raise anything
             raise self._blame(
-                f"has the rule {rule!r}, which raises {type(reason).__name__}: {_one_line(reason)}"
+                f"has the rule {rule!r}, which raises {type(reason).__name__}: {one_line(reason)}"
             ) from reason
 
     def _other(self, kind: Any, value: Any) -> Any:
@@ -478,6 +377,11 @@ class _Value:
         if not fits:
             raise _Mismatch(self.label, value, wanted)
         return value
+
+
+def _is_int64(value: Any) -> bool:
+    is_whole = isinstance(value, int) and not isinstance(value, bool)
+    return is_whole and -(2**63) <= value < 2**63
 
 
 def _readings(text: str) -> Iterator[Any]:
@@ -506,11 +410,10 @@ def _with_rules(wanted: str, rules: Iterable[Any]) -> str:
             limits.append(f"{words} {limit:g}" if isinstance(limit, float) else f"{words} {limit}")
         elif isinstance(rule, MinLen) and rule.min_length == 1:
             wanted = wanted.replace("a ", "a non-empty ", 1)
-        elif isinstance(rule, MinLen | MaxLen):
-            least, most = getattr(rule, "min_length", None), getattr(rule, "max_length", None)
-            limits.append(
-                f"of length {least} or more" if most is None else f"of length {most} or less"
-            )
+        elif isinstance(rule, MinLen):
+            limits.append(f"of length {rule.min_length} or more")
+        elif isinstance(rule, MaxLen):
+            limits.append(f"of length {rule.max_length} or less")
         elif isinstance(rule, Predicate):
             limits.append(f"for which {getattr(rule.func, '__name__', rule.func)} holds")
     return " ".join([wanted, " and ".join(limits)]).strip()
@@ -527,36 +430,5 @@ def _key(field: "Field[Any]") -> str:
     return str(field.metadata.get("key", field.name))
 
 
-def _one_line(reason: object) -> str:
-    return " ".join(str(reason).split())
-
-
 def _is_numpy(kind: Any) -> bool:
     return getattr(kind, "__module__", None) == "numpy"
-
-
-class _Brief(reprlib.Repr):
-    """A value as a message shows it: as TOML writes it, and shortened."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.maxstring = self.maxother = 100
-        self.maxlong = 40
-        self.maxlist = self.maxtuple = self.maxdict = 12
-
-    def repr_bool(self, value: bool, _: int) -> str:
-        return "true" if value else "false"
-
-    def repr_date(self, value: date, _: int) -> str:
-        return value.isoformat()
-
-    repr_datetime = repr_date
-
-    def repr_int(self, value: int, level: int) -> str:
-        # decimal digits of what has very many cost too much, and Python refuses to count them
-        if value.bit_length() > 4096:
-            return f"{hex(value)[:18]}..."
-        return super().repr_int(value, level)
-
-
-_shown = _Brief().repr
