@@ -30,8 +30,8 @@ Bits = NDArray[np.bool_]
 
 
 def _written(values: NDArray[np.float64]) -> Bits:
-    """How numbers are written, ``(n, features)``: which grids they lie on, exactly or but for dust,
-    and their last bits.
+    """How numbers are written, ``(n, features)``: which grids they lie on, exactly or nearly, and
+    their last bits.
     """
     features = [
         np.isnan(values),
@@ -193,10 +193,10 @@ def test_the_classifier_sees_a_lapse(
     def lapsed(column: NDArray[Any]) -> resolution.Resolution:
         good = found(column)
         if lapse == "no resolution":
-            return replace(good, write=None)
+            return replace(good, rounding=None)
         return (
-            replace(good, write=lambda values: np.round(values, 7))
-            if good.write is not None
+            replace(good, rounding=lambda values: np.round(values, 7))
+            if good.rounding is not None
             else good
         )
 

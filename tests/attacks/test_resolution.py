@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spoofbench.attacks.resolution import Floats, Writing, resolution, resolutions
+from spoofbench.attacks.resolution import Floats, Rounding, resolution, resolutions
 from spoofbench.table import Table
 
-WRITINGS: dict[str, tuple[Writing, float]] = {
+ROUNDINGS: dict[str, tuple[Rounding, float]] = {
     "decimals": (lambda x: np.round(x, 3), 1e-3),
     "scaled integers": (lambda x: np.rint(x * 1e7) * 1e-7, 1e-7),
     "divided integers": (lambda x: np.rint(x * 1e7) / 1e7, 1e-7),
@@ -31,7 +31,7 @@ def _numbers(seed: int, scale: float = 90.0, n: int = 500) -> Floats:
     return np.random.default_rng(seed).uniform(-scale, scale, n)
 
 
-def _dust(name: str) -> float:
+def _last_bits(name: str) -> float:
     return (
         16 * float(np.spacing(90.0))
         if name in ("sums of decimals", "degrees and arc minutes", "knots")
@@ -39,38 +39,38 @@ def _dust(name: str) -> float:
     )
 
 
-@pytest.mark.parametrize("name", WRITINGS)
+@pytest.mark.parametrize("name", ROUNDINGS)
 @given(seed=st.integers(0, 1000))
 def test_what_was_written_stays(name: str, seed: int) -> None:
-    column = WRITINGS[name][0](_numbers(seed))
-    assert np.abs(resolution(column).represent(column, column) - column).max() <= _dust(name)
+    column = ROUNDINGS[name][0](_numbers(seed))
+    assert np.abs(resolution(column).represent(column, column) - column).max() <= _last_bits(name)
 
 
-@pytest.mark.parametrize("name", WRITINGS)
+@pytest.mark.parametrize("name", ROUNDINGS)
 @given(seed=st.integers(0, 1000))
 def test_other_numbers_go_to_the_nearest_that_could_be_written(name: str, seed: int) -> None:
-    write, step = WRITINGS[name]
-    genuine, others = write(_numbers(seed)), _numbers(seed + 1)
+    rounding, step = ROUNDINGS[name]
+    genuine, others = rounding(_numbers(seed)), _numbers(seed + 1)
     written = resolution(genuine).represent(others, genuine)
     assert np.abs(written - others).max() <= 0.51 * step
-    assert np.abs(written - write(written)).max() <= _dust(name)
+    assert np.abs(written - rounding(written)).max() <= _last_bits(name)
 
 
-def test_dust_that_no_formula_explains_is_as_frequent_as_it_was() -> None:
-    write = WRITINGS["sums of decimals"][0]
-    genuine, others = write(_numbers(0, n=5000)), _numbers(1, n=5000)
+def test_last_bits_that_no_formula_explains_are_as_frequent_as_they_were() -> None:
+    rounding = ROUNDINGS["sums of decimals"][0]
+    genuine, others = rounding(_numbers(0, n=5000)), _numbers(1, n=5000)
     written = resolution(genuine).represent(others, genuine)
 
-    def dusty(values: Floats) -> float:
+    def share_off_grid(values: Floats) -> float:
         return float(np.mean(values != np.round(values, 1)))
 
-    assert 0.1 < dusty(genuine) < 0.9
-    assert abs(dusty(written) - dusty(genuine)) < 0.03
+    assert 0.1 < share_off_grid(genuine) < 0.9
+    assert abs(share_off_grid(written) - share_off_grid(genuine)) < 0.03
 
 
 def test_full_doubles_are_left_alone() -> None:
     values = _numbers(3)
-    assert resolution(_numbers(2)).write is None
+    assert resolution(_numbers(2)).rounding is None
     assert np.array_equal(resolution(_numbers(2)).represent(values, values), values)
 
 

@@ -28,7 +28,7 @@ from spoofbench.table import Table
 
 @dataclass(frozen=True, slots=True)
 class Extrapolate(DelayedAttack):
-    """Linear extrapolation over the delay: ``y(t) = y(t-d) + d (y(t-d) - y(t-d-dt)) / dt``.
+    """Linear extrapolation over the delay d: ``y(t) = y(t-d) + d (y(t-d) - y(t-d-dt)) / dt``.
 
     The slope is taken over one sample of the delayed series: one 10 Hz sample in Lo et al. (2017;
     inferred from their results), one sample of whatever rate the data have here. Position and
@@ -114,15 +114,21 @@ def _predicted_table(table: Table, window: Interval, delay_s: float, smooth_s: f
     )
     inside = np.isin(kept, rows)
     moved = motion_of(replayed)
-    for ours, theirs in ((moved.position, series.position), (moved.rate, series.rate)):
-        ours[inside] = theirs[kept[inside]]
+    moved.position[inside] = series.position[kept[inside]]
+    moved.rate[inside] = series.rate[kept[inside]]
     return with_motion(replayed, moved)
 
 
 def _extrapolated(
     motion: GeodeticMotion, epoch: Floats, delayed: Indices
 ) -> tuple[GeodeticMotion, Bools]:
-    """The series of the extrapolation at every row, and where it exists."""
+    """Return the extrapolation at every row, and where it exists, ``(n,)``.
+
+    Args:
+        motion: of all rows.
+        epoch: their times, s, ``(n,)``.
+        delayed: the row that each extrapolates from, -1 where there is none, ``(n,)``.
+    """
     before = delayed - 1
     step = epoch[delayed] - epoch[before]
     known = (before >= 0) & (step > 0)
@@ -130,17 +136,15 @@ def _extrapolated(
     position, rate = (
         y[delayed] + ahead * (y[delayed] - y[before]) for y in (motion.position, motion.rate)
     )
-    lost = np.isfinite(motion.position[delayed]) & ~np.isfinite(position) | np.isfinite(
-        motion.rate[delayed]
-    ) & ~np.isfinite(rate)
-    return GeodeticMotion(position, rate), known & ~lost.any(axis=1)
+    extrapolated = GeodeticMotion(position, rate)
+    return extrapolated, known & ~_loses_components(motion[delayed], extrapolated)
 
 
 def _trailing_mean(
     series: GeodeticMotion, exists: Bools, epoch: Floats, samples: int
 ) -> tuple[GeodeticMotion, Bools]:
-    """The mean over the last ``samples`` rows, and where it exists: all of them do, and there is no
-    gap between them.
+    """Return the mean over the last ``samples`` rows, and where it exists, ``(n,)``: where all of
+    them do, and there is no gap between them.
     """
     if len(exists) < samples:
         return series, np.zeros_like(exists)
@@ -152,9 +156,13 @@ def _trailing_mean(
         np.concatenate([ahead, sliding_window_view(y, samples, axis=0).mean(axis=-1)])
         for y in (series.position, series.rate)
     )
-    lost = np.isfinite(series.position) & ~np.isfinite(position) | np.isfinite(
-        series.rate
-    ) & ~np.isfinite(rate)
-    return GeodeticMotion(position, rate), np.concatenate(
-        [np.zeros(samples - 1, bool), whole]
-    ) & ~lost.any(axis=1)
+    mean = GeodeticMotion(position, rate)
+    exists = np.concatenate([np.zeros(samples - 1, bool), whole])
+    return mean, exists & ~_loses_components(series, mean)
+
+
+def _loses_components(before: GeodeticMotion, after: GeodeticMotion) -> Bools:
+    """Return which rows have a component no longer that they had before, ``(n,)``."""
+    pairs = ((before.position, after.position), (before.rate, after.rate))
+    lost = [np.isfinite(was) & ~np.isfinite(now) for was, now in pairs]
+    return np.asarray(np.any(lost, axis=(0, 2)), bool)

@@ -82,7 +82,7 @@ class Meacon:
 
     Attributes:
         offset_s: where the stretch begins, from the donor's first PVT row; None draws it.
-        separation_s: least time between the window and a stretch of the same recording.
+        separation_s: shortest time between the window and a stretch of the same recording.
         resample: whether a donor of another rate will do; its nearest rows are taken, so that those
             of a slower donor repeat.
         strength: 1 is on, 0 is off.
@@ -133,7 +133,7 @@ class Meacon:
     def _start(
         self, donor: Table | None, window: Interval, rng: np.random.Generator, *, same: bool
     ) -> int:
-        """Time of the donor's row that the first row of the window becomes."""
+        """Return the time of the donor's row that the first row of the window becomes, ns."""
         time_ns = np.empty(0, np.int64) if donor is None else donor.time_ns
         duration_ns = window.end_ns - window.start_ns
         usable = time_ns + duration_ns <= time_ns.max(initial=0) + 1
@@ -159,16 +159,16 @@ class Meacon:
         rows = rows_within(victim, window)
         if rows.size == 0:
             return victim
-        ours, theirs = interval_s(victim), interval_s(donor)
-        if not self.resample and abs(ours - theirs) > SAME_RATE * min(ours, theirs):
+        victim_s, donor_s = interval_s(victim), interval_s(donor)
+        longer_s, shorter_s = max(victim_s, donor_s), min(victim_s, donor_s)
+        if not self.resample and longer_s - shorter_s > SAME_RATE * shorter_s:
             raise NotApplicable(
-                f"the donor's interval is {theirs:.4g} s, the victim's {ours:.4g} s; "
+                f"the donor's interval is {donor_s:.4g} s, the victim's {victim_s:.4g} s; "
                 "resample=true takes the nearest rows"
             )
         wanted_ns = victim.time_ns[rows] + shift_ns
-        return with_rows_of(
-            victim, rows, donor, rows_in_step(donor.time_ns, wanted_ns, max(ours, theirs) * 0.5e9)
-        )
+        sources = rows_in_step(donor.time_ns, wanted_ns, longer_s * 0.5e9)
+        return with_rows_of(victim, rows, donor, sources)
 
 
 def _counterpart(clean: Recording, donor: Recording, topic: str) -> Table | None:

@@ -1,7 +1,7 @@
 """The resolution of a column: which numbers the receiver could have written there.
 
 A receiver prints decimals or sends scaled integers; converters turn radians into degrees. Each
-leaves a pattern in the last bits. A falsified value must have that pattern, or rounding alone gives
+leaves a pattern in the last bits. An attacked value must have that pattern, or rounding alone gives
 the attack away.
 """
 
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from spoofbench.arrays import Floats
 from spoofbench.table import Table
 
-Writing = Callable[[Floats], Floats]
-"""Takes numbers and gives the nearest ones that the receiver could have written; what it wrote
-stays as it is.
+Rounding = Callable[[Floats], Floats]
+"""Takes numbers, ``(n,)``, and gives the nearest ones that the receiver could have written; what it
+wrote stays as it is.
 """
 
 GROUPS = (
@@ -30,9 +30,9 @@ _DECIMALS = range(13)
 _SCALES = (1.0, 60.0, 3600 / 1852, 3.6)  # the unit itself; arc minutes, knots, km/h
 _PROBE = 32
 # fewer distinct values do not show how a field is written: a still receiver's are whole by chance
-_TELLING = 8
-_DUST_ULPS = 8
-_DISTINCT_ULPS = 64  # a grid must be this much coarser than the dust to be told from chance
+_ENOUGH_VALUES = 8
+_NOISE_ULPS = 8
+_DISTINCT_ULPS = 64  # a grid must be this much coarser than the last bits to be no chance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,13 +40,13 @@ class Resolution:
     """How a column's values are written, and the sign that its zeros have.
 
     Attributes:
-        write: None where the values fill the doubles, so that there is nothing to round to.
-        dust: values lie on the grid but for some last bits that no known formula explains.
+        rounding: None where the values fill the doubles, so that there is nothing to round to.
+        has_ulp_noise: values lie on the grid but for some last bits that no known formula explains.
         negative_zero: whether the column has a zero with a minus sign.
     """
 
-    write: Writing | None
-    dust: bool
+    rounding: Rounding | None
+    has_ulp_noise: bool
     negative_zero: bool
 
     def represent(self, values: Floats, genuine: Floats) -> Floats:
@@ -54,36 +54,36 @@ class Resolution:
 
         ``genuine`` is what it wrote in these rows: unexplained last bits are taken over from there.
         """
-        written = values if self.write is None else self.write(values)
-        if self.dust and self.write is not None:
-            grid = self.write(genuine)
+        written = values if self.rounding is None else self.rounding(values)
+        if self.has_ulp_noise and self.rounding is not None:
+            grid = self.rounding(genuine)
             ulps = np.nan_to_num((genuine - grid) / np.spacing(np.abs(grid)))
-            written = written + np.clip(ulps, -_DUST_ULPS, _DUST_ULPS) * np.spacing(np.abs(written))
+            written = written + np.clip(ulps, -_NOISE_ULPS, _NOISE_ULPS) * np.spacing(
+                np.abs(written)
+            )
         return written if self.negative_zero else written + 0.0
 
 
 def resolutions(table: Table, names: Iterable[str]) -> dict[str, Resolution]:
-    """Return the resolution of each of these float fields of a table, found from all of its
-    rows.
-    """
+    """Return the resolution of these float fields of a table, found from all of its rows."""
     names = set(names)
     found: dict[str, Resolution] = {}
     for group in GROUPS:
         present = [name for name in group if name in table]
         if len(present) > 1 and names & set(present):
             together = resolution(np.concatenate([table[name] for name in present]))
-            alike = together.write is not None and not together.dust
+            alike = together.rounding is not None and not together.has_ulp_noise
             found |= {
                 name: together
                 for name in present
-                if alike or np.unique(table[name]).size < _TELLING
+                if alike or np.unique(table[name]).size < _ENOUGH_VALUES
             }
     return {name: found.get(name) or resolution(table[name]) for name in sorted(names)}
 
 
 def resolution(column: NDArray[np.floating]) -> Resolution:
-    """Find how a column's values are written: the first known way, coarse before fine, that gives
-    each of them back bit for bit.
+    """Find how a column's values, ``(n,)``, are written: the first known way, coarse before fine,
+    that gives each of them back bit for bit.
     """
     single = column.dtype == np.float32
     values = column[~np.isnan(column)].astype(np.float64)
@@ -92,21 +92,21 @@ def resolution(column: NDArray[np.floating]) -> Resolution:
     if finite.size == 0:
         return Resolution(None, False, True)
     probe = finite[np.linspace(0, finite.size - 1, min(_PROBE, finite.size)).astype(int)]
-    for write in _writings(single):
-        if np.array_equal(write(probe), probe) and np.array_equal(write(finite), finite):
-            return Resolution(write, False, negative_zero)
+    for rounding in _roundings(single):
+        if np.array_equal(rounding(probe), probe) and np.array_equal(rounding(finite), finite):
+            return Resolution(rounding, False, negative_zero)
     if not single:
-        for write, step in _grids():
+        for rounding, step in _grids():
             spacing = np.spacing(np.abs(finite).max())
             if step > _DISTINCT_ULPS * spacing and np.all(
-                np.abs(write(finite) - finite) <= _DUST_ULPS * spacing
+                np.abs(rounding(finite) - finite) <= _NOISE_ULPS * spacing
             ):
-                return Resolution(write, True, negative_zero)
+                return Resolution(rounding, True, negative_zero)
     return Resolution(None, False, negative_zero)
 
 
-def _writings(single: bool) -> Iterator[Writing]:
-    """Known ways to write, in the order of belief; a decimal grid lies within finer ones of
+def _roundings(single: bool) -> Iterator[Rounding]:
+    """Yield known ways to write, likely ones first; a decimal grid lies within finer ones of
     minutes, so decimals come first.
     """
     if single:
@@ -120,7 +120,7 @@ def _writings(single: bool) -> Iterator[Writing]:
     yield from (_scaled(decimals, scale) for scale in _SCALES[1:] for decimals in _DECIMALS)
 
 
-def _grids() -> Iterator[tuple[Writing, float]]:
+def _grids() -> Iterator[tuple[Rounding, float]]:
     return (
         (_scaled(decimals, scale), 10.0**-decimals / scale)
         for scale in _SCALES
@@ -128,21 +128,21 @@ def _grids() -> Iterator[tuple[Writing, float]]:
     )
 
 
-def _rounded(decimals: int) -> Writing:
+def _rounded(decimals: int) -> Rounding:
     return lambda values: np.round(values, decimals)
 
 
-def _multiplied(decimals: int) -> Writing:
+def _multiplied(decimals: int) -> Rounding:
     return lambda values: np.rint(values * 10.0**decimals) * 10.0**-decimals
 
 
-def _from_radians(decimals: int) -> Writing:
+def _from_radians(decimals: int) -> Rounding:
     return lambda values: np.rad2deg(np.deg2rad(np.round(values, decimals)))
 
 
-def _scaled(decimals: int, scale: float) -> Writing:
+def _scaled(decimals: int, scale: float) -> Rounding:
     return lambda values: np.round(values * scale, decimals) / scale
 
 
-def _as_single(write: Writing) -> Writing:
-    return lambda values: write(values).astype(np.float32).astype(np.float64)
+def _as_single(rounding: Rounding) -> Rounding:
+    return lambda values: rounding(values).astype(np.float32).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Attacks that make a motion up: one without knowledge of the victim's acceleration, and a slow
+"""Attacks that invent a motion: one without knowledge of the victim's acceleration, and a slow
 drag-off.
 """
 
@@ -23,9 +23,8 @@ from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording
 from spoofbench.table import Table
 
-_SMOOTHER = (
-    np.array([-3.0, 12.0, 17.0, 12.0, -3.0]) / 35
-)  # least-squares parabola through five samples (Savitzky, Golay 1964)
+# least-squares parabola through five samples (Savitzky, Golay 1964)
+_SMOOTHER = np.array([-3.0, 12.0, 17.0, 12.0, -3.0]) / 35
 _SAME_SPEED_MPS = 2.0
 
 
@@ -64,10 +63,10 @@ class ZeroAcceleration:
     ) -> Recording:
         draw = rng.random()
         return clean.replace(
-            {topic: self._held(clean[topic], window, draw) for topic in clean.topics(PVT)}
+            {topic: self._hold(clean[topic], window, draw) for topic in clean.topics(PVT)}
         )
 
-    def _held(self, table: Table, window: Interval, draw: float) -> Table:
+    def _hold(self, table: Table, window: Interval, draw: float) -> Table:
         rows = rows_within(table, window)
         if rows.size == 0:
             return table
@@ -83,29 +82,29 @@ class ZeroAcceleration:
             motion.position[last] + steady * elapsed, np.broadcast_to(steady, noise.rate.shape)
         )
         position, rate = motion.position.copy(), motion.rate.copy()
-        for ours, made, stray in (
+        for genuine, invented, residual in (
             (position, held.position, noise.position),
             (rate, held.rate, noise.rate),
         ):
-            ours[rows] += self.strength * (made - ours[rows]) + share * stray
+            genuine[rows] += self.strength * (invented - genuine[rows]) + share * residual
         return with_motion(table, GeodeticMotion(position, rate))
 
 
 def _last_known(motion: GeodeticMotion, epoch: Floats, row: int) -> tuple[int, int]:
-    """The last two epochs before this row that have all the position and velocity components that
-    any row has.
+    """Return the last two epochs before this row that have all the position and velocity components
+    that any row has.
     """
     both = np.hstack([motion.position, motion.rate])
     reported = np.isfinite(both).any(axis=0)
     known = np.flatnonzero(np.isfinite(both[:row, reported]).all(axis=1))
     earlier = known[epoch[known] < epoch[known].max(initial=-np.inf)]
     if not reported.any() or not earlier.size:
-        raise NotApplicable("fewer than two genuine epochs with a fix stand before the window")
+        raise NotApplicable("there are fewer than two genuine epochs with a fix before the window")
     return int(earlier[-1]), int(known[-1])
 
 
 def _speeds(motion: GeodeticMotion) -> Floats:
-    """Level speed (m/s), ``(n,)``."""
+    """Return the level speed, m/s, ``(n,)``."""
     return np.asarray(
         np.hypot(*(motion.rate * metres_per_unit(motion.position))[:, :2].T), np.float64
     )
@@ -114,10 +113,15 @@ def _speeds(motion: GeodeticMotion) -> Floats:
 def _residuals(
     motion: GeodeticMotion, epoch: Floats, rows: Indices, faster: Floats, draw: float
 ) -> GeodeticMotion:
-    """Rows outside the window less their local parabola, as many as the window has, in their order
-    from a drawn one on.
+    """Return rows outside the window less their local parabola, as many as the window has, in their
+    order from a drawn one on.
 
-    ``faster`` is each row's speed above the wanted one.
+    Args:
+        motion: of all rows.
+        epoch: their times, s, ``(n,)``.
+        rows: of the window.
+        faster: each row's speed above the wanted one, m/s, ``(n,)``.
+        draw: which row comes first, 0 to 1.
     """
     n = epoch.size
     both = np.hstack([motion.position, motion.rate])
@@ -140,7 +144,7 @@ def _residuals(
     pool = residual[alike if alike.sum() >= rows.size else usable]
     if not len(pool):
         raise NotApplicable(
-            "no five regular epochs outside the window show what the receiver's noise is"
+            "the receiver's noise is unknown: there are no five regular epochs outside the window"
         )
     drawn = np.nan_to_num(pool[(int(draw * len(pool)) + np.arange(rows.size)) % len(pool)])
     return GeodeticMotion(drawn[:, :3], drawn[:, 3:])
@@ -202,10 +206,10 @@ class DragOff:
             [level * np.cos(direction), level * np.sin(direction), -self.vertical_share]
         )
         return clean.replace(
-            {topic: self._dragged(clean[topic], window, unit) for topic in clean.topics(PVT)}
+            {topic: self._drag(clean[topic], window, unit) for topic in clean.topics(PVT)}
         )
 
-    def _dragged(self, table: Table, window: Interval, unit: Floats) -> Table:
+    def _drag(self, table: Table, window: Interval, unit: Floats) -> Table:
         rows = rows_within(table, window)
         if rows.size == 0:
             return table
@@ -222,7 +226,10 @@ class DragOff:
 
 
 def _ramp(elapsed: Floats, ramp_s: float) -> tuple[Floats, Floats]:
-    """Offset and rate of a pull of final rate 1, ``(n,)``."""
+    """Return offset and rate of a pull of final rate 1, ``(n,)`` each.
+
+    The rate is (1 - cos(pi t / T)) / 2 up to T = ``ramp_s``, then 1; the offset is its integral.
+    """
     if ramp_s == 0:
         return elapsed, np.ones_like(elapsed)
     phase = np.minimum(elapsed / ramp_s, 1.0)

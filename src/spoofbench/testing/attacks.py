@@ -230,11 +230,11 @@ def rounds_as_the_receiver_does(subject: AttackUnderTest) -> None:
             for name, resolution in resolutions(
                 clean, [name for name in clean if clean[name].dtype.kind == "f"]
             ).items():
-                if resolution.write is None or resolution.dust or name not in attacked:
+                if resolution.rounding is None or resolution.has_ulp_noise or name not in attacked:
                     continue
                 values = attacked[name][~np.isnan(attacked[name])].astype(float)
                 require(
-                    np.array_equal(resolution.write(values), values),
+                    np.array_equal(resolution.rounding(values), values),
                     f"on {variant.name}, {name!r} of {topic} has other last digits",
                 )
 
