@@ -1,5 +1,4 @@
-"""PVT rows in an attack's hands: their motion, finding them by time, giving one row the values of
-another.
+"""PVT rows as attacks use them: their motion, rows found by time, values taken from other rows.
 
 Attacks compute on latitude, longitude and height and their time derivatives: a linear combination
 of coordinates has the same combination of rates as its derivative, so that position and velocity of
@@ -15,7 +14,7 @@ import numpy as np
 from spoofbench.arrays import Bools, Floats, Indices, Times, forward_fill
 from spoofbench.attacks.laws import CLAIMED_TIME_FIELDS
 from spoofbench.errors import NotApplicable
-from spoofbench.navigation.receiver import velocity_ned
+from spoofbench.navigation.gnss import velocity_ned
 from spoofbench.recording import Interval, Recording
 from spoofbench.table import Column, Table
 
@@ -47,7 +46,7 @@ class GeodeticMotion:
 
 
 def motion_of(pvt: Table) -> GeodeticMotion:
-    """Return the motion that PVT rows tell.
+    """Return the motion that PVT rows report.
 
     Height is the ellipsoid's where the row has it, else that above mean sea level; velocity without
     components is taken from speed and course, and from the last known course where a row has none.
@@ -98,13 +97,13 @@ def with_motion(pvt: Table, moved: GeodeticMotion) -> Table:
 
 
 def _plus(values: Floats, change: Floats) -> Floats:
-    """The sum, bit for bit the values where there is no change (a zero keeps its sign)."""
+    """Return the sum; bit for bit the values where there is no change (a zero keeps its sign)."""
     return np.where(change != 0, values + change, values)
 
 
 def _velocity(pvt: Table) -> Floats:
-    """Velocity NED (m/s), ``(n, 3)``, in rows without components by the last known course, before
-    the first by that.
+    """Return the velocity NED, m/s, ``(n, 3)``; in rows without components by the last known
+    course, before the first by that.
     """
     course = pvt["course_deg"]
     known = np.isfinite(course)
@@ -113,8 +112,8 @@ def _velocity(pvt: Table) -> Floats:
 
 
 def _fastest_without_course_mps(pvt: Table) -> float | None:
-    """Level speed up to which the receiver leaves the course out, None where its rows show no such
-    limit.
+    """Return the level speed up to which the receiver leaves the course out, None where its rows
+    show no such limit.
     """
     speed = np.where(
         pvt.valid("speed_mps"), pvt["speed_mps"], np.hypot(pvt["vel_n_mps"], pvt["vel_e_mps"])
@@ -132,8 +131,8 @@ def _fastest_without_course_mps(pvt: Table) -> float | None:
 
 
 def metres_per_unit(position: Floats) -> Floats:
-    """Metres north, east and down per radian of latitude, of longitude and per metre of height,
-    ``(n, 3)``.
+    """Return metres north, east and down per radian of latitude, of longitude and per metre of
+    height, ``(n, 3)``.
 
     Rows without a position get the median row's, so that velocities alone can be treated alike.
     """
@@ -151,7 +150,7 @@ def _filled(values: Floats) -> Floats:
 
 
 def interval_s(table: Table) -> float:
-    """Nominal interval of a table's epochs: the median of their differences.
+    """Return the nominal interval of a table's epochs, s: the median of their differences.
 
     Raises:
         NotApplicable: there are fewer than two epochs.
@@ -163,7 +162,7 @@ def interval_s(table: Table) -> float:
 
 
 def epochs_s(table: Table) -> Floats:
-    """Times of the receiver's epochs in seconds from the first, ``(n,)``.
+    """Return the times of the receiver's epochs in seconds from the first, ``(n,)``.
 
     A receiver measures at regular epochs and its stamps jitter: a step within a quarter of the
     nominal interval of a multiple of it is taken for that multiple, any other as it is stamped.
@@ -179,7 +178,12 @@ def epochs_s(table: Table) -> Floats:
 
 def nearest_rows(time_ns: Times, wanted_ns: Times, within_ns: float) -> Indices:
     """Return the row nearest to each wanted time, the earlier of two, -1 where none is within
-    ``within_ns``.
+    ``within_ns``, ``(n,)``.
+
+    Args:
+        time_ns: of the rows, increasing, ``(k,)``.
+        wanted_ns: ``(n,)``.
+        within_ns: how far away the nearest row may be.
     """
     if time_ns.size == 0:
         return np.full(wanted_ns.size, -1, np.intp)
@@ -192,8 +196,8 @@ def nearest_rows(time_ns: Times, wanted_ns: Times, within_ns: float) -> Indices:
 
 
 def rows_in_step(time_ns: Times, wanted_ns: Times, within_ns: float) -> Indices:
-    """Return the nearest rows as :func:`nearest_rows` does, once the first of them that exists lies
-    at its wanted time.
+    """Return the nearest rows as :func:`nearest_rows` does, ``(n,)``, once the wanted times are
+    moved so that the first of them that has a row meets it.
 
     Epochs of two times or receivers differ in phase: near half an interval, jitter alone would
     choose between two rows.
@@ -205,13 +209,13 @@ def rows_in_step(time_ns: Times, wanted_ns: Times, within_ns: float) -> Indices:
 
 
 def rows_within(table: Table, window: Interval) -> Indices:
-    """Return the numbers of the rows within an interval."""
+    """Return the indices of the rows within an interval, ``(k,)``."""
     return np.flatnonzero(window.covers(table.time_ns))
 
 
 def with_rows_of(victim: Table, rows: Indices, donor: Table, sources: Indices) -> Table:
-    """Return the victim's table with these rows' values taken from the donor's rows ``sources``,
-    and deleted where that is -1.
+    """Return the victim's table with the values of ``rows``, ``(k,)``, taken from the donor's rows
+    ``sources``, ``(k,)``, and deleted where that is -1.
 
     The victim keeps its times and the fields that claim time; fields that it never reports stay
     absent.
@@ -244,8 +248,8 @@ def with_rows_of(victim: Table, rows: Indices, donor: Table, sources: Indices) -
 
 
 def delayed_rows(table: Table, rows: Indices, delay_s: float) -> Indices:
-    """Return the rows in step with the times of ``rows`` less a delay, -1 where none is within half
-    a nominal interval.
+    """Return the rows in step with the times of ``rows``, ``(k,)``, less a delay, ``(k,)``; -1
+    where none is within half a nominal interval.
     """
     wanted_ns = table.time_ns[rows] - round(delay_s * 1e9)
     return rows_in_step(table.time_ns, wanted_ns, interval_s(table) * 0.5e9)
@@ -294,7 +298,7 @@ def require_at_least_0(name: str, value: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class DelayedAttack:
-    """Base of the attacks that are made of what the receiver itself said ``delay_s`` before."""
+    """Base of the attacks that are made of what the receiver itself reported ``delay_s`` before."""
 
     delay_s: float
 

@@ -5,8 +5,8 @@ IMU are in the sensor frame as recorded. What is unknown is NaN. A result at a t
 at or before it: nothing here interpolates towards a later row, and nothing is smoothed both ways.
 
 ============================  ====================================================================
-:mod:`.receiver`              which epochs have a fix, velocity however it is reported
-:mod:`.earth`                 metres and degrees, local frames, gravity and rotation of the Earth
+:mod:`.gnss`                  which epochs have a fix, velocity however it is reported; metres per
+                              radian, local positions, gravity and rotation of the Earth
 :mod:`.imu`                   axes, means between epochs, standing still
 :mod:`.preintegration`        attitude, velocity and position that an IMU gains between epochs
 ============================  ====================================================================

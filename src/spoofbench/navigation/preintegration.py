@@ -97,8 +97,8 @@ def _covered(time_ns: Times, start_ns: Times, end_ns: Times, last: Indices) -> B
 
 
 def rotations(angle_rad: Floats) -> Floats:
-    """Return the rotation matrices of rotation vectors, rad, ``(..., 3)`` to ``(..., 3, 3)``
-    (Rodrigues).
+    """Return the rotation matrices of rotation vectors, rad (Rodrigues); shape ``(..., 3)`` to
+    ``(..., 3, 3)``.
     """
     square = np.sum(angle_rad**2, axis=-1)[..., None, None]
     angle = np.sqrt(square)
@@ -112,8 +112,8 @@ def rotations(angle_rad: Floats) -> Floats:
 
 
 def rotation_vectors(turn: Floats) -> Floats:
-    """Return the rotation vectors, rad, of rotations by less than half a turn, ``(..., 3, 3)`` to
-    ``(..., 3)``.
+    """Return the rotation vectors, rad, of rotations by less than half a turn; shape
+    ``(..., 3, 3)`` to ``(..., 3)``.
     """
     twice_sine = np.stack(
         [
@@ -128,7 +128,7 @@ def rotation_vectors(turn: Floats) -> Floats:
 
 
 def cross_matrices(vector: Floats) -> Floats:
-    """Return [v x] of each vector, ``(..., 3)`` to ``(..., 3, 3)``."""
+    """Return the matrix [v x] of each vector, shape ``(..., 3)`` to ``(..., 3, 3)``."""
     x, y, z = np.moveaxis(vector, -1, 0)
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vector.shape, 3)
