@@ -3,6 +3,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet
 PLUGINS := $(wildcard plugins/*/pyproject.toml)
+# A folder of further field logs, where there is one.
+LOGS ?= $(wildcard ../shared/data)
 
 .PHONY: demo test test-all test-wheels lint bench schema reproduce agreement fuzz
 
@@ -34,7 +36,7 @@ bench: .venv/bench  ## speed against other libraries, side by side
 	$(BIN)/python -m benchmarks.speed
 
 reproduce: .venv/runtime  ## the papers' tables and figures beside ours, in benchmarks/reproductions
-	$(BIN)/spoofbench reproduce tanil2018 kujur lo2017 borio -o benchmarks/reproductions
+	$(BIN)/spoofbench reproduce tanil2018 kujur lo2017 borio -o benchmarks/reproductions $(if $(LOGS),--data $(LOGS))
 
 agreement: .venv/bench  ## our converters against other parsers, on the logs in ../shared/data
 	$(BIN)/python -m benchmarks.agreement

@@ -17,7 +17,7 @@ DISTRIBUTIONS = [ROOT, *sorted(path.parent for path in ROOT.glob("plugins/*/pypr
 LOAD_ALL = """
 import json
 from spoofbench import plugins
-groups = (plugins.CONVERTERS, plugins.ATTACKS, plugins.DETECTORS, plugins.REPRODUCTIONS)
+groups = (plugins.CONVERTERS, plugins.ATTACKS, plugins.DETECTORS, plugins.COMMANDS)
 found = {group: {name: plugin.distribution for name, plugin in plugins.found(group).items()} for group in groups}
 for group in groups:
     for plugin in plugins.found(group).values():

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, NoReturn, Optional
 
 import typer
 
+from spoofbench.commands import CommandGroup
 from spoofbench.terminal import (
     complain,
     print_json,
@@ -19,6 +20,7 @@ from spoofbench.terminal import (
 
 app = typer.Typer(
     name="spoofbench",
+    cls=CommandGroup,
     help=(
         "Convert GNSS and IMU logs, spoof them, and rank spoofing detectors with honest intervals."
     ),
@@ -347,57 +349,8 @@ def report(
 
 
 @app.command()
-def reproduce(
-    papers: Annotated[
-        list[str], typer.Argument(metavar="PAPER...", help="lo2017, borio, tanil2018, kujur.")
-    ],
-    out: Annotated[Path, typer.Option("-o", help="Folder; each paper gets one in it.")],
-    data: Annotated[Path, typer.Option(help="Folder of further logs, where there is one.")] = Path(
-        "../shared/data"
-    ),
-    quick: Annotated[bool, typer.Option("--quick", help="A short form with fewer seeds.")] = False,
-) -> None:
-    """Put a paper's tables and figures beside ours."""
-    _calm_threads()
-    from spoofbench.reproducing import as_rows, reproduce_paper
-
-    with progress_bars() as progress:
-        pages = [
-            reproduce_paper(
-                paper, out / paper, data if data.is_dir() else None, quick, progress(paper)
-            )
-            for paper in papers
-        ]
-    for page, reproduced in pages:
-        print_lines([*as_rows(reproduced), f"report: {page}"])
-
-
-@app.command()
-def integrity(
-    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO.toml")],
-    out: Annotated[Path, typer.Option("-o", help="Folder for tables and pictures.")],
-    as_json: AsJson = False,
-) -> None:
-    """Assess an innovation monitor of your own vehicle."""
-    _calm_threads()
-    from spoofbench.assessing import assess
-
-    with progress_bars() as progress:
-        summary = assess(scenario, out, progress(scenario.stem))
-    if as_json:
-        print_json(summary)
-    else:
-        print_lines(
-            [
-                *(f"{name:<22}{value:.6g}" for name, value in summary.items()),
-                f"tables and pictures: {out}",
-            ]
-        )
-
-
-@app.command()
 def plugins(as_json: AsJson = False) -> None:
-    """List converters, attacks, detectors and reproductions."""
+    """List converters, attacks, detectors and commands."""
     from spoofbench import plugins as installed
 
     rows = [
@@ -411,7 +364,7 @@ def plugins(as_json: AsJson = False) -> None:
             installed.CONVERTERS,
             installed.ATTACKS,
             installed.DETECTORS,
-            installed.REPRODUCTIONS,
+            installed.COMMANDS,
         )
         for p in installed.found(group).values()
     ]
@@ -469,14 +422,6 @@ def main() -> None:
 def _fail(reason: str) -> NoReturn:
     complain(reason)
     sys.exit(1)
-
-
-def _calm_threads() -> None:
-    """Keep linear algebra on one thread: threads only slow small matrices down."""
-    import os
-
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
 
 
 def _leaderboard(results: Path) -> None:

@@ -43,7 +43,3 @@ class SuiteError(SpoofbenchError):
 
 class ResultsError(SpoofbenchError):
     """A results folder cannot be written, resumed or read."""
-
-
-class ScenarioError(SpoofbenchError):
-    """A scenario of an integrity evaluation is incomplete or invalid."""

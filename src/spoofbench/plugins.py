@@ -1,6 +1,6 @@
 """Plugins: found without import, loaded when used, blamed by name.
 
-Converters, attacks, detectors and reproductions of any distribution, ours included, come in by the
+Converters, attacks, detectors and commands of any distribution, ours included, come in by the
 same entry-point groups.
 """
 
@@ -18,17 +18,17 @@ Group = Literal[
     "spoofbench.converters",
     "spoofbench.attacks",
     "spoofbench.detectors",
-    "spoofbench.reproductions",
+    "spoofbench.commands",
 ]
 CONVERTERS: Group = "spoofbench.converters"
 ATTACKS: Group = "spoofbench.attacks"
 DETECTORS: Group = "spoofbench.detectors"
-REPRODUCTIONS: Group = "spoofbench.reproductions"
+COMMANDS: Group = "spoofbench.commands"
 
 
 def role(group: Group) -> str:
     """Return what a plugin of the group is: ``converter``, ``attack``, ``detector`` or
-    ``reproduction``.
+    ``command``.
     """
     return group.removeprefix("spoofbench.").removesuffix("s")
 

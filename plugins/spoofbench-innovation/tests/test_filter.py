@@ -1,4 +1,4 @@
-"""The filter against filterpy and against the error model of the integrity evaluation."""
+"""The filter against filterpy."""
 
 from typing import Any
 
@@ -14,7 +14,6 @@ from spoofbench_innovation.grades import GRADES, Grade
 from spoofbench_innovation.nominal import nominal
 from spoofbench_innovation.preintegration import rotations
 
-from spoofbench.integrity import model as integrity
 from spoofbench.testing import drive
 
 Array = np.ndarray[Any, Any]
@@ -31,16 +30,6 @@ def close(ours: Array, theirs: Array) -> bool:
         atol=TOLERANCE * max(1.0, float(np.nanmax(np.abs(theirs)))),
         equal_nan=True,
     )
-
-
-def test_the_states_are_those_of_the_integrity_evaluation() -> None:
-    names = ("POSITION", "VELOCITY", "ATTITUDE", "ACCEL_BIAS", "GYRO_BIAS")
-    assert [getattr(error_model, name) for name in names] == [
-        getattr(integrity, name) for name in names
-    ]
-    assert integrity.INERTIAL_STATES == error_model.STATES
-    level = error_model.dynamics(np.eye(3)[None], np.array([[0, 0, -9.80665]]), 3600.0)
-    np.testing.assert_array_equal(level[0], integrity.inertial_dynamics(3600.0, 3600.0))
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 1.5), st.sampled_from(sorted(GRADES)))

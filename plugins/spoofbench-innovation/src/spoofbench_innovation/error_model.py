@@ -1,8 +1,8 @@
 """The linear error model of a loosely coupled INS/GNSS filter, per step of the nominal trajectory.
 
 The fifteen states ``r v E b_a b_g`` are in the order, and the attitude error has the sign, of
-:mod:`spoofbench.integrity.model` (Tanil et al. 2018, Eq 4): the true rotation from body to wander
-frame is (I + [E x]) times the nominal one. Position and velocity are total, the rest are
+``spoofbench_papers.integrity.model`` (Tanil et al. 2018, Eq 4): the true rotation from body to
+wander frame is (I + [E x]) times the nominal one. Position and velocity are total, the rest are
 differences from the nominal trajectory. States of GNSS errors would follow behind the inertial
 ones, and a tightly coupled filter's observation would take the place of the identity on ``r v``.
 """

@@ -162,7 +162,7 @@ def draw(
     """Draw histogram and quantiles of the judged part's NIS, as it is and inflated, into ``path``
     with .png and .svg.
     """
-    from spoofbench.reproducing import new_figure, save_figure
+    from matplotlib.figure import Figure
 
     _, filtered = monitor.filtered(recording)
     complete = np.flatnonzero((filtered.run >= 0) & (filtered.measured == 6))[
@@ -170,7 +170,8 @@ def draw(
     ]
     nis = np.sort(_squared(filtered, complete, "all"))
     expected = stats.chi2.ppf((np.arange(nis.size) + 0.5) / nis.size, 6)
-    figure, axes = new_figure(9.4, 4.0, columns=2)
+    figure = Figure(figsize=(9.4, 4.0), layout="constrained")
+    axes = figure.subplots(1, 2)
     line = np.linspace(0, 30, 300)
     inflation = numbers["calibration"]["inflation"]
     for label, factor in (("raw", 1.0), (f"covariance times {inflation:.2f}", inflation)):
@@ -186,7 +187,8 @@ def draw(
     axes[1].set_ylabel("quantile of the NIS")
     for panel in axes:
         panel.legend(fontsize=8)
-    save_figure(figure, path)
+    for suffix in (".png", ".svg"):
+        figure.savefig(path.with_suffix(suffix), dpi=110)
 
 
 def lines(numbers: Mapping[str, Any]) -> Sequence[str]:

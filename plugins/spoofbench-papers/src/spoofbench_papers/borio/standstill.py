@@ -1,0 +1,64 @@
+"""Borio, Section V-A: do GNSS and IMU stand still at the same times?"""
+
+from collections.abc import Sequence
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from spoofbench_correlation import gnss, imu
+from spoofbench_correlation.zero_velocity import Contradiction, ZeroVelocity
+
+from spoofbench.detector import detect
+from spoofbench_papers.borio.recordings import Session
+from spoofbench_papers.borio.statistics import Row, Series, cases, window_motion
+
+
+def parked(session: Session, series: Series) -> NDArray[np.bool_]:
+    """Which values are of windows in which the receiver stands still throughout."""
+    time_s, _, _, slow = window_motion(session)
+    return np.asarray(slow[np.searchsorted(time_s, series.time_s)] == 1)
+
+
+def contradictions(sessions: Sequence[Session]) -> list[Row]:
+    """Return contradicted seconds per minute over each session, genuine and under each attack; null
+    where standstill is not known.
+    """
+    rows = []
+    for session in sessions:
+        if not session.inertial:
+            continue
+        for case, recording in cases(session, sessions):
+            for kind in get_args(Contradiction):
+                detector = ZeroVelocity(
+                    kind, window_s=recording.span.duration_s, min_share=0.5, threshold_per_min=1.0
+                )
+                decisions = detect(detector, recording)
+                known = decisions.available.size > 0 and bool(decisions.available[-1])
+                per_min = float(decisions.score[-1]) if known else None
+                rows.append(
+                    {"recording": session.name, "case": case, "kind": kind, "per_min": per_min}
+                )
+    return rows
+
+
+def at_rest(sessions: Sequence[Session]) -> list[Row]:
+    """Return, of the epochs at which a receiver stands still, the shares that the IMU's two limits
+    each find still; null where unknown.
+    """
+    rows = []
+    for session in sessions:
+        if not session.inertial:
+            continue
+        velocity = gnss.velocity(session.recording.primary("gnss/pvt"))
+        slow = velocity.speed_mps < ZeroVelocity.speed_mps
+        time_ns = velocity.time_ns[1:][slow[1:] & slow[:-1]]
+        shares = {}
+        for name, rest in (
+            ("force", imu.Rest(rate_rms_radps=np.inf)),
+            ("rate", imu.Rest(force_std_mps2=np.inf)),
+        ):
+            still = imu.is_stationary(session.recording.primary("imu"), time_ns, rest)
+            known = still[~np.isnan(still)]
+            shares[f"{name}_still_share"] = float(known.mean()) if known.size else None
+        rows.append({"recording": session.name, "epochs": time_ns.size, **shares})
+    return rows

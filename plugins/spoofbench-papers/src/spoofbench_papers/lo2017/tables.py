@@ -1,0 +1,158 @@
+"""Tables 1 and 2 of Lo et al. (2017) over simulated approaches."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from spoofbench_acceleration.statistics import Executive, Floats
+
+from spoofbench_papers.lo2017.approach import APPROACHES, CHOSEN, RATE_HZ, Approach, Flights
+from spoofbench_papers.lo2017.ensemble import Bools, first_detection_s, flags, percentage, spoofed
+from spoofbench_papers.lo2017.printed import CASES
+
+MONITORS: tuple[Executive, ...] = ("simple", "multi")
+STRIDES = (1, 2, 3, 4)
+GATED = "nominal, lost epochs gated"
+
+
+def convention(stride: int) -> str:
+    """Which eight samples a test takes: ``consecutive``, or every second to fourth epoch,
+    ``stride-2`` to ``stride-4``.
+    """
+    return "consecutive" if stride == 1 else f"stride-{stride}"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What one monitor made of one case in all runs of an approach; ``(runs,)`` each, inf for no
+    detection.
+    """
+
+    case: str
+    approach: int
+    monitor: Executive
+    convention: str
+    duration_s: float
+    detection_pct: Floats
+    ttfd_s: Floats
+
+    @property
+    def detected_share(self) -> float:
+        """Share of the runs with a detection."""
+        return float(np.isfinite(self.ttfd_s).mean())
+
+    @property
+    def median_pct(self) -> float:
+        """Median percentage over the runs."""
+        return float(np.median(self.detection_pct))
+
+    @property
+    def median_s(self) -> float | None:
+        """Median time over the runs, no detection counting as later than any; None where that is
+        the median.
+        """
+        middle = float(np.median(self.ttfd_s))
+        return middle if np.isfinite(middle) else None
+
+    def limits(self) -> tuple[float, float, float, float]:
+        """Within which 95 % of the runs lie: percentage from and to, time from and to, censored at
+        the approach's length.
+        """
+        times = np.minimum(self.ttfd_s, self.duration_s)
+        both = (
+            np.percentile(values, (2.5, 97.5), method="closest_observation")
+            for values in (self.detection_pct, times)
+        )
+        (low, high), (early, late) = both
+        return float(low), float(high), float(early), float(late)
+
+
+def outcomes(
+    approach: Approach,
+    flights: Flights,
+    strides: Sequence[int],
+    smoothing_s: float = CHOSEN.smoothing_s,
+) -> Iterator[Outcome]:
+    """Table 2 of one approach, and the nominal case with lost epochs gated."""
+    shown = {
+        case.name: spoofed(flights.gnss_mps2, case.spoofer, case.delay_s, smoothing_s)
+        for case in CASES
+    } | {GATED: flights.gated_mps2}
+    for stride in strides:
+        for case, gnss in shown.items():
+            flagged = flags(flights.phone_mps2 - gnss, flights.start, stride)
+            for monitor in MONITORS:
+                alerts: Bools = flagged.alerts(monitor)
+                yield Outcome(
+                    case,
+                    approach.number,
+                    monitor,
+                    convention(stride),
+                    approach.duration_s,
+                    percentage(alerts),
+                    first_detection_s(alerts),
+                )
+
+
+def table2(found: Sequence[Outcome]) -> dict[str, list[Any]]:
+    """Columns of ``table2.parquet``: medians over the runs and what holds 95 % of them."""
+    rows = []
+    for outcome in found:
+        low, high, _, _ = outcome.limits()
+        rows.append({
+            "case": outcome.case, "approach": outcome.approach, "monitor": outcome.monitor,
+            "convention": outcome.convention,
+            "detection_pct": outcome.median_pct, "detection_pct_lo": low, "detection_pct_hi": high,
+            "ttfd_s": outcome.median_s, "detected_share": outcome.detected_share,
+        })  # fmt: skip
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def signatures(flights: Flights) -> dict[str, Floats]:
+    """Table 1 of each run, ``(runs,)``: ``decorrelation_s mean_mps2 std_mps2 correlation``, lost
+    epochs left out.
+    """
+    phone, gnss = flights.phone_mps2[flights.start :], flights.gated_mps2[flights.start :]
+    known = ~np.isnan(gnss).any(axis=1)
+    difference = (phone - gnss)[known]
+    centred = [values[known] - values[known].mean(axis=0) for values in (phone, gnss)]
+    correlation = (centred[0] * centred[1]).mean(axis=0) / (
+        centred[0].std(axis=0) * centred[1].std(axis=0)
+    )
+    decorrelation = [np.argmax(autocorrelation(run) < np.exp(-1)) / RATE_HZ for run in phone.T]
+    return {
+        "decorrelation_s": np.array(decorrelation),
+        "mean_mps2": difference.mean(axis=0),
+        "std_mps2": difference.std(axis=0, ddof=1),
+        "correlation": correlation,
+    }
+
+
+def table1(found: Sequence[dict[str, Floats]]) -> dict[str, list[Any]]:
+    """Columns of ``table1.parquet``: per approach its length, and medians over the runs with what
+    holds 95 % of them.
+    """
+    columns: dict[str, list[Any]] = {
+        "approach": [approach.number for approach in APPROACHES],
+        "duration_s": [approach.duration_s for approach in APPROACHES],
+    }
+    for name in found[0]:
+        columns[name] = [float(np.median(run[name])) for run in found]
+        for suffix, share in (("lo", 2.5), ("hi", 97.5)):
+            columns[f"{name}_{suffix}"] = [float(np.percentile(run[name], share)) for run in found]
+    return columns
+
+
+def autocorrelation(values: Floats) -> Floats:
+    """Normalised autocorrelation at lags from 0, ``(n,)``."""
+    return crosscorrelation(values, values)[values.size - 1 :]
+
+
+def crosscorrelation(values: Floats, others: Floats) -> Floats:
+    """Cross-correlation over the autocorrelation's maximum of ``values``, at lags from
+    -(len(values) - 1); Fig 10.
+    """
+    centred = values - values.mean()
+    result: Floats = np.correlate(others - others.mean(), centred, "full") / (centred @ centred)
+    return result

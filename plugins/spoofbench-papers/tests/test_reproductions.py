@@ -1,0 +1,82 @@
+"""The reproductions in their short form: what is deterministic agrees with the papers' checks."""
+
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from spoofbench_papers import kujur, tanil2018
+from spoofbench_papers.reproduction import Reproduced, write_pages
+
+
+def _nothing(share: float) -> None:
+    assert 0 <= share <= 1
+
+
+@pytest.fixture(scope="module")
+def tanil(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reproduced]:
+    out = tmp_path_factory.mktemp("tanil2018")
+    return out, tanil2018.reproduce(out, None, True, _nothing)
+
+
+def test_tanil_verdicts(tanil: tuple[Path, Reproduced]) -> None:
+    verdicts = {cell.item: cell.verdict for cell in tanil[1].cells}
+    assert verdicts["Fig 3: threshold T_k"] == "matches"
+    assert verdicts["Fig 3: integrity risk"] == "matches after calibration"
+    assert verdicts["text to Fig 4: the growth with the rate reaches a plateau"] == "not reproduced"
+    assert verdicts["Eq 61: 20 samples suffice"] == "not reproduced"
+    assert verdicts["Fig 7: risk falls with the attack's delay, up to 3 mm"] == "trend only"
+
+
+def test_tanil_tables(tanil: tuple[Path, Reproduced]) -> None:
+    out, _ = tanil
+    wanted = {
+        "fig3": {
+            "scenario",
+            "threshold",
+            "lambda",
+            "mu_m",
+            "sigma_eps_m",
+            "rho_m",
+            "integrity_risk",
+        },
+        "fig4": {"scenario", "rate_hz", "period_s", "integrity_risk"},
+        "fig6": {"scenario", "sigma_mm", "period_s", "integrity_risk", "method"},
+        "fig7": {"scenario", "sigma_mm", "delay_s", "integrity_risk"},
+        "late": {"scenario", "first_epoch", "last_epoch", "rho_squared_m2"},
+    }
+    for name, columns in wanted.items():
+        table = pq.read_table(out / f"{name}.parquet")
+        assert columns <= set(table.column_names)
+        assert table.num_rows
+    late = pq.read_table(out / "late.parquet").to_pylist()
+    assert {41, 141} <= {row["first_epoch"] for row in late}
+
+
+def test_pages(tanil: tuple[Path, Reproduced]) -> None:
+    out, found = tanil
+    page = write_pages(out, tanil2018, found).read_text()
+    cells = json.loads((out / "verdicts.json").read_text())
+    assert [set(cell) for cell in cells] == [
+        {"item", "printed", "ours", "lo", "hi", "verdict", "reason"}
+    ] * len(found.cells)
+    assert all(
+        f"{p.name}.png" in (out / "README.md").read_text() and (out / f"{p.name}.svg").exists()
+        for p in found.pictures
+    )
+    assert page.count("<img") == len(found.pictures)
+    assert "http" not in page
+
+
+def test_kujur(tmp_path: Path) -> None:
+    found = kujur.reproduce(tmp_path, None, True, _nothing)
+    rows = pq.read_table(tmp_path / "sensitivity.parquet").to_pylist()
+    assert len(rows) == 12 * 2 * 2
+    for row in rows:
+        size = abs(row["change_pct"])
+        if row["parameter"] in kujur.GNSS:
+            assert size > 15
+        else:
+            assert size < (5 if row["case"] == "spoof_free" else 10)
+    verdicts = [cell.verdict for cell in found.cells]
+    assert verdicts.count("not reproduced") == 1  # the detection of their nominal spoofed example
