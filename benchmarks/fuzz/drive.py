@@ -1,16 +1,14 @@
-"""Workers that make inputs and try them, and whoever watches that none hangs."""
+"""Workers that make inputs and try them, and threads that watch that none hangs."""
 
 import hashlib
-import multiprocessing
 import os
-import resource
-import tempfile
 import time
 import traceback
 import warnings
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from multiprocessing.sharedctypes import Synchronized
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +16,18 @@ import numpy as np
 
 from benchmarks.fuzz.mutate import TOKENS, mutate
 from benchmarks.fuzz.targets import check
-from spoofbench.testing.converter_alone import peak_bytes
+from spoofbench.sandbox import (
+    Sandbox,
+    WorkerChannel,
+    WorkerDied,
+    WorkerTimedOut,
+    limit_memory,
+    peak_bytes,
+)
 
 MEMORY_BYTES = 2**30
 INPUT_S = 20.0
 _KEPT = 3
-_QUEUE_S = 0.2
 
 
 @dataclass
@@ -42,6 +46,13 @@ class Found:
     def failed(self) -> int:
         return sum(self.failures.values())
 
+    def add(self, other: "Found") -> None:
+        """Add what another worker found."""
+        self.inputs += other.inputs
+        self.peak_bytes = max(self.peak_bytes, other.peak_bytes)
+        for signature, times in other.failures.items():
+            self.failures[signature] = self.failures.get(signature, 0) + times
+
 
 def make(seeds: Sequence[bytes], target: str, seed: int, turn: int) -> bytes:
     """Return the input of a turn: the same for the same seeds, seed and turn."""
@@ -58,120 +69,81 @@ def fuzz(
     workers: int = 2,
     seed: int = 0,
 ) -> Found:
-    """Try inputs for some seconds; save failing ones to the corpus, three of each kind."""
+    """Try inputs for some seconds; save failing ones to the corpus, three of each kind a worker."""
     found, begin = Found(target), time.monotonic()
-    context = multiprocessing.get_context("fork")
-    running = [_Worker(context, target, seeds, seed + number, corpus) for number in range(workers)]
-    while time.monotonic() - begin < seconds:
-        time.sleep(_QUEUE_S)
-        for worker in running:
-            worker.watch(found)
-    for worker in running:
-        worker.stop(found)
+    end = begin + seconds
+    with ThreadPoolExecutor(workers) as pool, Sandbox(_preload) as sandbox:
+        streams = [_Stream(target, seeds, seed + number, corpus) for number in range(workers)]
+        for one in pool.map(lambda stream: stream.follow(sandbox, end), streams):
+            found.add(one)
     found.seconds = time.monotonic() - begin
     return found
 
 
-class _Worker:
-    """A process that tries one input after the other, and is started anew where it hangs or
-    dies.
-    """
+def _preload() -> None:
+    """What a worker needs is imported with this module."""
 
-    def __init__(
-        self, context: Any, target: str, seeds: Sequence[bytes], seed: int, corpus: Path
-    ) -> None:
-        self._context, self._target, self._seeds, self._seed, self._corpus = (
-            context,
-            target,
-            seeds,
-            seed,
-            corpus,
-        )
-        self._turn: Synchronized[int] = context.Value("q", -1)
-        self._peak: Synchronized[int] = context.Value("q", 0)
-        self._answers = context.SimpleQueue()
-        self._seen, self._since = -1, time.monotonic()
-        self._start(0)
 
-    def _start(self, turn: int) -> None:
-        arguments = (
-            self._target,
-            self._seeds,
-            self._seed,
-            turn,
-            self._turn,
-            self._peak,
-            self._answers,
-        )
-        self._process = self._context.Process(target=_try, args=arguments, daemon=True)
-        self._process.start()
-        self._since = time.monotonic()
+class _Stream:
+    """One stream of inputs; it goes on in another worker where one hangs or dies."""
 
-    def watch(self, found: Found) -> None:
-        """Take what the process says; where it hangs or has died, note it and go on with the next
-        input.
-        """
-        self._take(found)
-        turn, now = self._turn.value, time.monotonic()
-        if turn != self._seen:
-            self._seen, self._since = turn, now
-        elif now - self._since > INPUT_S:
-            self._process.kill()
-            self._process.join()
-            self._fail(found, turn, f"hang of more than {INPUT_S:g} s", "")
-            self._start(turn + 1)
-        if not self._process.is_alive():
-            self._take(found)
-            self._fail(found, turn, f"process died with {self._process.exitcode}", "")
-            self._start(turn + 1)
+    def __init__(self, target: str, seeds: Sequence[bytes], seed: int, corpus: Path) -> None:
+        self._target, self._seeds, self._seed, self._corpus = target, seeds, seed, corpus
+        self._found = Found(target)
 
-    def stop(self, found: Found) -> None:
-        """End the process."""
-        self._take(found)
-        self._process.kill()
-        self._process.join()
-        found.inputs += max(self._turn.value, 0)
-        found.peak_bytes = max(found.peak_bytes, self._peak.value)
+    def follow(self, sandbox: Sandbox, end: float) -> Found:
+        """Have inputs tried until :func:`time.monotonic` is ``end``."""
+        while time.monotonic() < end:
+            first = self._found.inputs
+            with sandbox.start(_try, self._target, self._seeds, self._seed, first) as worker:
+                try:
+                    while (left_s := end - time.monotonic()) > 0:
+                        self._take(worker.receive(min(INPUT_S, left_s)))
+                except WorkerTimedOut:
+                    if left_s > INPUT_S:
+                        self._fail(f"hang of more than {INPUT_S:g} s", "")
+                except WorkerDied as error:
+                    self._fail(str(error), "")
+        return self._found
 
-    def _take(self, found: Found) -> None:
-        while not self._answers.empty():
-            self._fail(found, *self._answers.get())
+    def _take(self, record: dict[str, Any]) -> None:
+        self._found.peak_bytes = max(self._found.peak_bytes, record["peak_bytes"])
+        if record["signature"] is None:
+            self._found.inputs += 1
+        else:
+            self._fail(record["signature"], record["text"])
 
-    def _fail(self, found: Found, turn: int, signature: str, text: str) -> None:
-        found.failures[signature] = found.failures.get(signature, 0) + 1
-        if found.failures[signature] <= _KEPT:
-            name = f"{self._target}-{hashlib.sha256(signature.encode()).hexdigest()[:8]}-{self._seed}-{turn}"
+    def _fail(self, signature: str, text: str) -> None:
+        """Note that the input under way failed, and go on to the next."""
+        turn, failures = self._found.inputs, self._found.failures
+        self._found.inputs += 1
+        failures[signature] = failures.get(signature, 0) + 1
+        if failures[signature] <= _KEPT:
+            kind = hashlib.sha256(signature.encode()).hexdigest()[:8]
+            path = self._corpus / f"{self._target}-{kind}-{self._seed}-{turn}"
             self._corpus.mkdir(parents=True, exist_ok=True)
-            (self._corpus / name).write_bytes(make(self._seeds, self._target, self._seed, turn))
-            (self._corpus / f"{name}.txt").write_text(f"{signature}\n{text}", encoding="utf-8")
+            path.write_bytes(make(self._seeds, self._target, self._seed, turn))
+            path.with_name(f"{path.name}.txt").write_text(f"{signature}\n{text}", encoding="utf-8")
 
 
 def _try(
-    target: str,
-    seeds: Sequence[bytes],
-    seed: int,
-    turn: int,
-    shown: "Synchronized[int]",
-    peak: "Synchronized[int]",
-    answers: Any,
+    channel: WorkerChannel, target: str, seeds: Sequence[bytes], seed: int, first: int
 ) -> None:
-    """Try inputs from a turn on, for ever."""
+    """Try inputs from a turn on, for ever, and say of each what came of it."""
     warnings.simplefilter("ignore")
-    _limit_memory()
+    limit_memory(MEMORY_BYTES)
     base = peak_bytes()
-    with tempfile.TemporaryDirectory(prefix="fuzz") as folder:
-        path = Path(folder, "log")
-        while True:
-            shown.value = turn
-            path.write_bytes(make(seeds, target, seed, turn))
-            try:
-                check(target, path, turn)
-            except Exception as error:  # noqa: BLE001 - that is what is looked for
-                answers.put((turn, _signature(error), traceback.format_exc()))
-            peak.value = max(peak.value, peak_bytes() - base)
-            turn += 1
-            if os.getppid() == 1:
-                return
+    folder = Path(str(os.getpid()))  # of the sandbox's, which goes with it
+    folder.mkdir()
+    path = folder / "log"
+    for turn in count(first):
+        path.write_bytes(make(seeds, target, seed, turn))
+        signature, text = None, ""
+        try:
+            check(target, path, turn)
+        except Exception as error:  # noqa: BLE001 - that is what is looked for
+            signature, text = _signature(error), traceback.format_exc()
+        channel.send(peak_bytes=peak_bytes() - base, signature=signature, text=text)
 
 
 def _signature(error: BaseException) -> str:
@@ -191,9 +163,3 @@ def _signature(error: BaseException) -> str:
         else ""
     )
     return f"{type(cause).__name__} in {place} {text}".strip()
-
-
-def _limit_memory() -> None:
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    limit = pages * resource.getpagesize() + MEMORY_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))

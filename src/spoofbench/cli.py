@@ -4,6 +4,7 @@ command runs.
 
 import signal
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn, Optional
 
@@ -100,9 +101,8 @@ def convert(
     as_json: AsJson = False,
 ) -> None:
     """Convert raw logs and account for every part."""
-    from spoofbench.conversion.batch import Request, convert_job, convert_many
-    from spoofbench.conversion.planning import plan
-    from spoofbench.conversion.telling import as_rows, as_table
+    from spoofbench.conversion.batch import ConversionRequest, convert_job, convert_many, plan
+    from spoofbench.conversion.output import as_rows, as_table
 
     named = {
         "date": date,
@@ -110,18 +110,19 @@ def convert(
         "append_clock": "true" if append_clock else None,
         "mapping": mapping,
     }
-    wishes = {name: text for name, text in named.items() if text is not None}
+    optional = {name: text for name, text in named.items() if text is not None}
     jobs = plan(inputs, out, log_format)
     with progress_bars() as progress:
-        if len(jobs) == 1 and not jobs[0].walked:
-            request = Request(log_format, {**wishes, **read_parameters(options)}, {}, strict)
+        if len(jobs) == 1 and not jobs[0].found_in_folder:
+            request = ConversionRequest(
+                log_format, {**optional, **read_parameters(options)}, {}, strict
+            )
             outcomes = [convert_job(jobs[0], request, progress(f"convert {jobs[0].source.name}"))]
         else:
-            request = Request(log_format, read_parameters(options), wishes, strict)
-            made = convert_many(
-                jobs, request, workers=workers, progress=progress(f"convert {len(jobs)} logs")
-            )
-            outcomes = sorted(made, key=lambda outcome: jobs.index(outcome.job))
+            request = ConversionRequest(log_format, read_parameters(options), optional, strict)
+            step = progress(f"convert {len(jobs)} logs")
+            with closing(convert_many(jobs, request, workers=workers, progress=step)) as made:
+                outcomes = sorted(made, key=lambda outcome: jobs.index(outcome.job))
     ledger = outcomes[0].ledger
     if as_json:
         print_json(as_rows(outcomes))
@@ -132,7 +133,8 @@ def convert(
     failed = [
         outcome
         for outcome in outcomes
-        if outcome.status == "failed" or (outcome.ledger is None and not outcome.job.walked)
+        if outcome.status == "failed"
+        or (outcome.ledger is None and not outcome.job.found_in_folder)
     ]
     for outcome in failed:
         complain(
@@ -406,9 +408,7 @@ def main() -> None:
     from spoofbench.errors import SpoofbenchError
 
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(
-            number, lambda number, _: sys.exit(128 + number)
-        )  # what is under way is tidied up on the way out
+        signal.signal(number, _end)
     try:
         app()
     except SpoofbenchError as error:
@@ -417,6 +417,13 @@ def main() -> None:
         _fail(f"{error.filename or 'the output'}: {error.strerror or error}")
     except MemoryError:
         _fail("this takes more memory than there is")
+
+
+def _end(number: int, _: Any) -> NoReturn:
+    """Tidy up what is under way on the way out, and let no second signal disturb that."""
+    for ending in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, signal.SIG_IGN)
+    sys.exit(128 + number)
 
 
 def _fail(reason: str) -> NoReturn:

@@ -95,7 +95,7 @@ class Sandbox:
 
     Args:
         preload: a function of a module, which imports what workers need; the server calls it once.
-        environment: variables beyond the few that workers keep.
+        environment: variables beyond the few that workers keep; None leaves one out.
 
     Attributes:
         folder: private to this sandbox; removed with it, even if the main process is killed.
@@ -104,7 +104,7 @@ class Sandbox:
     def __init__(
         self,
         preload: Callable[[], object] = no_preload,
-        environment: Mapping[str, str] = MappingProxyType({}),
+        environment: Mapping[str, str | None] = MappingProxyType({}),
     ) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="spoofbench-"))
         self._place = os.open(self.folder, os.O_RDONLY)
@@ -121,7 +121,7 @@ class Sandbox:
                 [sys.executable, "-P", "-c", serve],
                 pass_fds=[listener.fileno(), alive],
                 cwd=self.folder,
-                env={**_clean_environment(), **environment},
+                env=_clean_environment(environment),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 start_new_session=True,
@@ -170,26 +170,27 @@ class Sandbox:
         """
         order = Order(self._server.pid, pickle.dumps((function, arguments, keywords)))
         ours, theirs = socket.socketpair()
-        status, report = os.pipe()
-        orders, write_end = os.pipe()
-        handed = [orders, report, self._alive, self._void, theirs.fileno()]
+        (status, report), (orders, write_end) = os.pipe(), os.pipe()
         try:
             with self._lock, socket.socket(socket.AF_UNIX) as client:
                 if self._ended:
-                    raise SandboxLost
+                    raise ConnectionRefusedError
                 client.connect(self._address)
+                handed = [orders, report, self._alive, self._void, theirs.fileno()]
                 reduction.sendfds(client, handed)
-            worker = Worker(ours.detach(), Connection(status, writable=False))
-            with contextlib.suppress(BrokenPipeError), open(write_end, "wb", closefd=False) as pipe:
-                # preparations, of which there are none, and what is run
-                pipe.write(pickle.dumps({}) + pickle.dumps(order))
         except OSError as error:
+            ours.close()
+            for descriptor in (status, write_end):
+                os.close(descriptor)
             raise SandboxLost from error
         finally:
             theirs.close()
-            for descriptor in (orders, report, write_end):
+            for descriptor in (orders, report):
                 os.close(descriptor)
-        return worker
+        with contextlib.suppress(BrokenPipeError), os.fdopen(write_end, "wb") as pipe:
+            # what to prepare, which is nothing, and what to run
+            pipe.write(pickle.dumps({}) + pickle.dumps(order))
+        return Worker(ours.detach(), Connection(status, writable=False))
 
 
 class Worker:
@@ -199,7 +200,11 @@ class Worker:
         self._channel = WorkerChannel(connection)
         self._status = status
         self._ended = False
-        self.pid = self._number()
+        try:
+            self.pid = self._number()
+        except SandboxLost:
+            self._close()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -217,8 +222,8 @@ class Worker:
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):
             self._channel.send(**record)
 
-    def receive(self, within_s: float) -> dict[str, Any]:
-        """Return the worker's next record.
+    def receive(self, within_s: float | None) -> dict[str, Any]:
+        """Return the worker's next record; None waits for ever.
 
         Raises:
             WorkerDied: it ended, or sent something that is no record.
@@ -227,7 +232,7 @@ class Worker:
         """
         return self._receive(self._channel.receive, within_s)
 
-    def receive_bytes(self, size: int, within_s: float) -> bytes:
+    def receive_bytes(self, size: int, within_s: float | None) -> bytes:
         """Return a message of that many bytes.
 
         Raises:
@@ -235,7 +240,7 @@ class Worker:
         """
         return self._receive(lambda: self._channel.receive_bytes(size), within_s)
 
-    def _receive(self, receive: Callable[[], _T], within_s: float) -> _T:
+    def _receive(self, receive: Callable[[], _T], within_s: float | None) -> _T:
         if not wait([self._channel.connection, self._status], within_s):
             raise WorkerTimedOut(f"it took longer than {within_s:g} s")
         try:
@@ -263,6 +268,9 @@ class Worker:
         kill_group(self.pid)
         if not self._ended:
             wait([self._status], _GRACE_S)
+        self._close()
+
+    def _close(self) -> None:
         self._channel.close()
         self._status.close()
 
@@ -274,8 +282,9 @@ class Worker:
             raise SandboxLost from None
 
 
-def _clean_environment() -> dict[str, str]:
+def _clean_environment(further: Mapping[str, str | None]) -> dict[str, str]:
     """The few variables that workers keep, calm threads, and the way to all modules."""
-    kept = {name: os.environ[name] for name in _KEPT_ENVIRONMENT if name in os.environ}
+    kept = {name: os.environ.get(name) for name in _KEPT_ENVIRONMENT}
     search = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
-    return kept | _SETTINGS | {"PYTHONPATH": search}
+    environment = {**kept, **_SETTINGS, "PYTHONPATH": search, **further}
+    return {name: value for name, value in environment.items() if value is not None}

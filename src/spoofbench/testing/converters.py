@@ -28,7 +28,6 @@ import numpy as np
 from spoofbench.conversion import Converter
 from spoofbench.schema import split_topic
 from spoofbench.table import Table
-from spoofbench.testing.converter_alone import convert_alone
 from spoofbench.testing.converter_cases import (
     ConverterUnderTest,
     Outcome,
@@ -47,6 +46,7 @@ from spoofbench.testing.damage import (
     scratch,
     survives_garbage,
 )
+from spoofbench.testing.isolation import convert_alone
 from spoofbench.testing.kit import Check, CheckResult, parametrised, require
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from spoofbench.table import Table
-from spoofbench.testing.converter_alone import convert_alone
 from spoofbench.testing.converter_cases import ConverterUnderTest, Outcome
+from spoofbench.testing.isolation import convert_alone
 from spoofbench.testing.kit import require
 
 HELD_S = 10.0

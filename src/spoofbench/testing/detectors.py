@@ -29,7 +29,7 @@ from spoofbench.testing.detector_cases import (
     private,
     quiet,
 )
-from spoofbench.testing.isolated import decide_alone
+from spoofbench.testing.isolation import decide_alone
 from spoofbench.testing.kit import (
     Check,
     CheckFailed,

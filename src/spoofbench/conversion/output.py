@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from typing import Any
 
-from spoofbench.conversion.batch import Outcome
+from spoofbench.conversion.batch import ConversionOutcome
 from spoofbench.conversion.contract import Ledger
 from spoofbench.formatting import share_percent
 
 _MARKS = {"not recognised": "not recognised", "failed": "failed"}
 
 
-def as_rows(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
+def as_rows(outcomes: Sequence[ConversionOutcome]) -> list[dict[str, Any]]:
     """Return the outcomes for machines, ledgers in full; what does not apply is None."""
     return [
         {
@@ -25,7 +25,7 @@ def as_rows(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
     ]
 
 
-def as_table(outcomes: Sequence[Outcome]) -> list[str]:
+def as_table(outcomes: Sequence[ConversionOutcome]) -> list[str]:
     """Return a line per log: rows, used and skipped share, the name of the recording or why there
     is none, the largest loss.
     """
