@@ -350,6 +350,13 @@ def test_an_index_that_lies_hides_no_row_and_is_found_out(
     validate(indexed(tmp_path / "b.mcap", MessageIndex(1, [(7, 0), (7, 40), (7, 80)])))
 
 
+def test_an_index_of_an_empty_chunk_hides_nothing_and_is_found_out(tmp_path: Path) -> None:
+    path = mcap_file(tmp_path / "a.mcap", chunk(b"", 0), MessageIndex(1, [(7, 0)]))
+    assert len(read(path)["/m/mag"]) == 0
+    with pytest.raises(FormatError, match="message indexes are not those of its channels"):
+        validate(path)
+
+
 def test_a_chunk_that_an_index_hides_is_missed_by_the_statistics(tmp_path: Path) -> None:
     with Writer(tmp_path / "a.mcap", compression="none") as writer:
         writer.add("/m/mag", Table("mag", np.arange(10), {"field_x_ut": np.ones(10)}))

@@ -19,23 +19,24 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Footer, Schema
 from numpy.typing import NDArray
 
-from spoofbench.errors import ConversionError
-from spoofbench_converters.rosbag.definitions import normal_name
-from spoofbench_converters.rosbag.mcap_records import (
+from spoofbench.arrays import Ints, Octets
+from spoofbench.codec.container import chunk_at
+from spoofbench.codec.records import (
     CHAIN,
     CHUNK,
-    HEAD,
-    KNOWN,
-    LEAST,
-    MESSAGE_BYTES,
-    WINDOW_BYTES,
-    candidates,
-    chunk_head,
-    indexed,
-    walk,
-    walk_on,
+    INDEX_ENTRY,
+    MESSAGE,
+    RECORD,
+    gather,
+    indexed_starts,
+    is_plausible,
+    possible_starts,
+    record_starts,
+    surviving_records,
 )
-from spoofbench_converters.rosbag.slabs import SLAB_BYTES, ChunkedLog, Lost, Messages, gather
+from spoofbench.errors import ConversionError, FormatError
+from spoofbench_converters.rosbag.definitions import normal_name
+from spoofbench_converters.rosbag.slabs import SLAB_BYTES, ChunkedLog, Lost, Messages
 from spoofbench_converters.rosbag.unpacking import MAX_CHUNK_BYTES, unpack
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -43,11 +44,14 @@ MAX_RECORD_BYTES = 4 << 20
 MAX_SUMMARY_BYTES = 64 << 20
 
 _FOOTER_BYTES = 20
+_INDEX_HEAD_BYTES = 6
+_MESSAGE_BYTES = MESSAGE.itemsize - RECORD.size  # before a message's own
+_NO_OFFSETS = np.empty(0, np.uint64)
+_WALK_BYTES = 1 << 16  # of the file at a time, from record to record
+_SEARCH_BYTES = 1 << 20  # of the file at a time, for the next record behind damage
 _COUNTS = struct.Struct("<QHI")  # statistics begin with those of messages, schemas and channels
 _MOST_MESSAGES_PER_BYTE = 64  # a larger count is damaged
 _DAMAGED = "the chunk is damaged here"
-
-_Integers = NDArray[np.int64]
 
 
 @dataclass(slots=True)
@@ -58,7 +62,7 @@ class _Pending:
 
     at: int
     size: int
-    offsets: list[_Integers] = field(default_factory=list)
+    offsets: list[NDArray[np.uint64]] = field(default_factory=list)
 
 
 class McapLog(ChunkedLog):
@@ -71,7 +75,7 @@ class McapLog(ChunkedLog):
             ConversionError: it is no MCAP file.
         """
         super().__init__()
-        self._file = path.open("rb", WINDOW_BYTES)
+        self._file = path.open("rb", _SEARCH_BYTES)
         self._bytes = path.stat().st_size
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, int] = {}
@@ -123,49 +127,63 @@ class McapLog(ChunkedLog):
         self._file.seek(at)
         return self._file.read(size)
 
+    def _octets(self, at: int, size: int) -> Octets:
+        return np.frombuffer(self._read(at, size), np.uint8)
+
     def _read_summary(self) -> bool:
         """Learn the topics from the end of the file; return whether they are there."""
         tail = self._read(
-            max(self._bytes - len(MAGIC) - _FOOTER_BYTES - HEAD.size, 0),
-            _FOOTER_BYTES + HEAD.size + len(MAGIC),
+            max(self._bytes - len(MAGIC) - _FOOTER_BYTES - RECORD.size, 0),
+            _FOOTER_BYTES + RECORD.size + len(MAGIC),
         )
         if (
-            len(tail) < _FOOTER_BYTES + HEAD.size + len(MAGIC)
+            len(tail) < _FOOTER_BYTES + RECORD.size + len(MAGIC)
             or not tail.endswith(MAGIC)
             or tail[0] != Opcode.FOOTER
         ):
             return False
-        footer = Footer.read(ReadDataStream(BytesIO(tail[HEAD.size : HEAD.size + _FOOTER_BYTES])))
-        size = self._bytes - len(MAGIC) - _FOOTER_BYTES - HEAD.size - footer.summary_start
+        footer = Footer.read(
+            ReadDataStream(BytesIO(tail[RECORD.size : RECORD.size + _FOOTER_BYTES]))
+        )
+        size = self._bytes - len(MAGIC) - _FOOTER_BYTES - RECORD.size - footer.summary_start
         if not footer.summary_start or not 0 < size <= MAX_SUMMARY_BYTES:
             return False
         summary = self._read(footer.summary_start, size)
         if (
             footer.summary_crc
-            and zlib.crc32(tail[: HEAD.size + 16], zlib.crc32(summary)) != footer.summary_crc
+            and zlib.crc32(tail[: RECORD.size + 16], zlib.crc32(summary)) != footer.summary_crc
         ):
             return False
-        starts, end = walk(summary)
+        records = np.frombuffer(summary, np.uint8)
+        starts, end = record_starts(records, 0, size, only_plausible=True)
         channels = 0
         for start in starts.tolist():
-            opcode, length = HEAD.unpack_from(summary, start)
-            content = summary[start + HEAD.size : start + HEAD.size + length]
+            opcode, content = _content(summary, start)
             self._learn(opcode, content)
-            if opcode == Opcode.STATISTICS and length >= _COUNTS.size:
+            if opcode == Opcode.STATISTICS and len(content) >= _COUNTS.size:
                 messages, _, channels = _COUNTS.unpack_from(content)
                 self.expected = messages if messages <= _MOST_MESSAGES_PER_BYTE * self._bytes else 0
         return end == len(summary) and bool(self._channels) and len(self._channels) >= channels
 
     def _records(self, at: int) -> Iterator[tuple[int, int, int] | Lost]:
-        """Yield opcode, place and size of the content of the file's records from a place on, and
+        """Yield opcode, offset and size of the content of the file's records from an offset on, and
         where there is something else.
         """
         while at < self._bytes:
-            opcode, size = self._head(at)
+            window = self._octets(at, _WALK_BYTES)
+            starts, walked = record_starts(window, 0, window.size, only_plausible=True)
+            for start in starts.tolist():
+                opcode, size = RECORD.unpack_from(window.data, start)
+                yield opcode, at + start + RECORD.size, size
+            at += walked
+            # Here is a record beyond the window, or none.
             if self._bytes - at == len(MAGIC) and self._read(at, len(MAGIC)) == MAGIC:
                 return
-            begin, end = at + HEAD.size, at + HEAD.size + size
-            if end <= self._bytes and opcode in KNOWN and size >= LEAST.get(opcode, 0):
+            if at >= self._bytes:
+                return
+            opcode, size = self._head(at)
+            begin, end = at + RECORD.size, at + RECORD.size + size
+            if end <= self._bytes and is_plausible(opcode, size):
                 yield opcode, begin, size
                 at = end
                 continue
@@ -173,17 +191,15 @@ class McapLog(ChunkedLog):
             if opcode == Opcode.CHUNK and size > CHUNK.size:  # cut off, or a length that is wrong
                 yield opcode, begin, found - begin
             else:
-                yield Lost(
-                    1,
-                    "the bag is damaged here" if found < self._bytes else "the bag is cut off here",
-                )
+                is_cut = found >= self._bytes
+                yield Lost(1, f"the bag is {'cut off' if is_cut else 'damaged'} here")
             at = found
 
     def _head(self, at: int) -> tuple[int, int]:
-        head = self._read(at, HEAD.size)
-        if len(head) < HEAD.size:
+        head = self._read(at, RECORD.size)
+        if len(head) < RECORD.size:
             return 0, 0
-        opcode, size = HEAD.unpack(head)
+        opcode, size = RECORD.unpack(head)
         return int(opcode), int(size)
 
     def _find(self, at: int) -> int:
@@ -191,24 +207,19 @@ class McapLog(ChunkedLog):
         nowhere.
         """
         while at < self._bytes:
-            window = np.frombuffer(self._read(at, WINDOW_BYTES + HEAD.size), np.uint8)
-            for place in candidates(window).tolist():
-                if self._follows(at + place):
-                    return at + int(place)
-            at += WINDOW_BYTES
+            for start in possible_starts(self._octets(at, _SEARCH_BYTES + RECORD.size)).tolist():
+                if self._follows(at + start):
+                    return at + int(start)
+            at += _SEARCH_BYTES
         return self._bytes
 
     def _follows(self, at: int) -> bool:
         """Whether records follow one another from here."""
         for _ in range(CHAIN):
             opcode, size = self._head(at)
-            if (
-                opcode not in KNOWN
-                or at + HEAD.size + size > self._bytes
-                or size < LEAST.get(opcode, 0)
-            ):
+            if not is_plausible(opcode, size) or at + RECORD.size + size > self._bytes:
                 return False
-            at += HEAD.size + size
+            at += RECORD.size + size
             if opcode == Opcode.FOOTER or at == self._bytes:
                 return True
         return True
@@ -234,63 +245,71 @@ class McapLog(ChunkedLog):
             channel.topic, normal_name(kind), channel.message_encoding, text, form
         )
 
-    def _offsets(self, at: int, size: int) -> _Integers:
-        entries = np.frombuffer(
-            self._read(at + 6, min(size, MAX_CHUNK_BYTES) - 6 if size > 6 else 0), np.uint8
-        )
-        return entries[: entries.size // 16 * 16].view("<u8")[1::2].astype(np.int64)
+    def _offsets(self, at: int, size: int) -> NDArray[np.uint64]:
+        """Return where a message index says that messages start in their chunk, ``(n,)``."""
+        size = max(min(size, MAX_CHUNK_BYTES) - _INDEX_HEAD_BYTES, 0)
+        entries = self._read(at + _INDEX_HEAD_BYTES, size)
+        count = len(entries) // INDEX_ENTRY.itemsize
+        return np.frombuffer(entries, INDEX_ENTRY, count)["offset"] if count else _NO_OFFSETS
 
     def _loose(self, records: list[tuple[int, int]]) -> Messages:
         """Return messages that lie between the chunks, one after the other."""
-        begin, (last, size) = records[0][0] - HEAD.size, records[-1]
+        begin, (last, size) = records[0][0] - RECORD.size, records[-1]
         octets = np.frombuffer(self._read(begin, last + size - begin), np.uint8)
         return self._messages(
-            octets, np.array([at for at, _ in records], np.int64) - HEAD.size - begin
+            octets, np.array([at for at, _ in records], np.int64) - RECORD.size - begin
         )
 
     def _chunk(self, pending: _Pending) -> Iterator[Messages | Lost]:
         """Yield a chunk's messages, and what of it is lost."""
         declared = sum(part.size for part in pending.offsets)
-        content = self._read(pending.at, min(pending.size, MAX_CHUNK_BYTES))
-        head = chunk_head(content)
-        if head is None or pending.size > MAX_CHUNK_BYTES:
+        record = self._octets(
+            pending.at - RECORD.size, RECORD.size + min(pending.size, MAX_CHUNK_BYTES)
+        )
+        try:
+            chunk = chunk_at(record, 0, record.size)
+        except FormatError:
+            chunk = None
+        if chunk is None or max(chunk.size, pending.size) > MAX_CHUNK_BYTES:
             yield Lost(
                 max(declared, 1),
                 f"the chunk does not have a size of at most {MAX_CHUNK_BYTES:,} bytes",
             )
             return
-        size, crc, packing, data = head
-        unpacked, wrong = unpack(data, packing, size)
-        if not wrong and crc and zlib.crc32(unpacked) != crc:
-            if packing:  # what was unpacked from damaged bytes is anything
+        unpacked, wrong = unpack(bytes(record[chunk.data]), chunk.compression, chunk.size)
+        if not wrong and chunk.crc and zlib.crc32(unpacked) != chunk.crc:
+            if chunk.compression:  # what was unpacked from damaged bytes is anything
                 yield Lost(max(declared, 1), "the chunk is damaged: its checksum is wrong")
                 return
             self.unverified += 1
         octets, gaps = np.frombuffer(unpacked, np.uint8), 0
-        starts = None if wrong else indexed(octets, pending.offsets)
+        starts = None if wrong else indexed_starts(octets, pending.offsets)
         if starts is None:
-            starts, gaps = walk_on(unpacked, self._channels)
-            for start in starts[octets[starts] != Opcode.MESSAGE].tolist():
-                self._learn(
-                    int(octets[start]),
-                    unpacked[
-                        start + HEAD.size : start + HEAD.size + HEAD.unpack_from(unpacked, start)[1]
-                    ],
-                )
-            starts = starts[octets[starts] == Opcode.MESSAGE]
+            starts, gaps = surviving_records(octets, self._channels)
+            is_message = octets[starts] == Opcode.MESSAGE
+            for start in starts[~is_message].tolist():
+                self._learn(*_content(unpacked, start))
+            starts = starts[is_message]
         messages = self._messages(octets, starts)
         yield messages
         lost = declared - messages.numbers.size if declared else gaps or int(wrong is not None)
         if lost > 0:
             yield Lost(lost, f"the chunk is damaged: {wrong}" if wrong else _DAMAGED)
 
-    def _messages(self, octets: NDArray[np.uint8], starts: _Integers) -> Messages:
-        lengths = gather(octets, "<u8", starts + 1)
-        channels, stamps = gather(octets, "<u2", starts + 9), gather(octets, "<u8", starts + 15)
-        known, inverse = np.unique(channels, return_inverse=True)
-        numbers = np.array(
-            [self._channels.get(channel, -1) for channel in known.tolist()], np.int64
-        )[inverse]
+    def _messages(self, octets: Octets, starts: Ints) -> Messages:
+        records = gather(octets, MESSAGE, starts)
+        channels, inverse = np.unique(records["channel"], return_inverse=True)
+        numbers = np.array([self._channels.get(id_, -1) for id_ in channels.tolist()], np.int64)
         return Messages(
-            octets, numbers, stamps, starts + HEAD.size + MESSAGE_BYTES, lengths - MESSAGE_BYTES
+            octets,
+            numbers[inverse],
+            records["log_time"].astype(np.int64),
+            starts + MESSAGE.itemsize,
+            records["length"].astype(np.int64) - _MESSAGE_BYTES,
         )
+
+
+def _content(octets: bytes, start: int) -> tuple[int, bytes]:
+    """Return opcode and content of the record that starts at an offset."""
+    opcode, length = RECORD.unpack_from(octets, start)
+    return opcode, octets[start + RECORD.size : start + RECORD.size + length]

@@ -1,4 +1,4 @@
-"""The MCAP container: where a file's records and messages are, found within declared limits.
+"""Chunks and messages of MCAP, found within declared limits.
 
 Nothing that a file says of itself is believed unchecked: every length must end within the file,
 every chunk must unpack to exactly the size and the checksum it declares, and indexes serve as hints
@@ -9,7 +9,6 @@ import mmap
 import struct
 import threading
 import zlib
-from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -24,30 +23,18 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from spoofbench.errors import FormatError, LimitError
-
-RECORD = struct.Struct("<BQ")
-MESSAGE = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_time", "<u8"),
-        ("publish_time", "<u8"),
-    ]
+from spoofbench.arrays import Ints, Octets
+from spoofbench.codec.records import (
+    CHUNK,
+    INDEX_ENTRY,
+    MESSAGE,
+    RECORD,
+    gather,
+    group_by_value,
+    indexed_starts,
+    record_starts,
 )
-"""What precedes the data of a message record, its opcode and length included."""
-
-LOG_TIME = 15
-"""Where the log time of a message record is; the publish time follows."""
-
-INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
-"""An entry of a message index: log time, and where the record starts in the unpacked chunk."""
-
-_HEAD = np.dtype([("opcode", "u1"), ("length", "<u8")])
-_CHUNK = struct.Struct("<QQQII")
-_REPEATS = 8
+from spoofbench.errors import FormatError, LimitError
 
 _thread = threading.local()
 """Holds a zstd context for each thread."""
@@ -94,9 +81,9 @@ class MessageRecords:
     channel, ``(n,)`` each.
     """
 
-    buffer: NDArray[np.uint8]
-    starts: NDArray[np.int64]
-    sizes: NDArray[np.int64]
+    buffer: Octets
+    starts: Ints
+    sizes: Ints
     channels: NDArray[np.uint16]
 
     def by_channel(self) -> Iterator[tuple[int, "MessageRecords"]]:
@@ -114,10 +101,10 @@ class ChunkContents:
     """What is in a chunk: its messages, and where its other records start in their buffer."""
 
     messages: MessageRecords
-    others: NDArray[np.int64]
+    others: Ints
 
 
-def map_file(path: Path) -> NDArray[np.uint8]:
+def map_file(path: Path) -> Octets:
     """Return a file's bytes, read as they are used.
 
     Raises:
@@ -132,71 +119,7 @@ def map_file(path: Path) -> NDArray[np.uint8]:
         raise FormatError(f"{str(path)!r} cannot be read: {error.strerror}") from error
 
 
-def record_starts(
-    buffer: NDArray[np.uint8], first: int, last: int
-) -> tuple[NDArray[np.int64], int]:
-    """Walk from record to record: the offsets of those that end by ``last``, and where the last of
-    them ends.
-    """
-    view = buffer.data
-    runs: list[NDArray[np.int64]] = []
-    singles = array("q")
-    at, before, equal = first, (0, 0), 0
-    while at + RECORD.size <= last:
-        head = RECORD.unpack_from(view, at)
-        after = at + RECORD.size + head[1]
-        if after > last:
-            break
-        singles.append(at)
-        at = after
-        equal = equal + 1 if head == before else 0
-        before = head
-        if equal >= _REPEATS:
-            size = RECORD.size + head[1]
-            count = _repeats(buffer, at, last, head)
-            runs += [np.frombuffer(singles, np.int64), at + size * np.arange(count, dtype=np.int64)]
-            at, singles, equal = at + size * count, array("q"), 0
-    return np.concatenate([*runs, np.frombuffer(singles, np.int64)]), at
-
-
-def _repeats(buffer: NDArray[np.uint8], at: int, last: int, head: tuple[int, int]) -> int:
-    """Count the records from ``at`` on that have this opcode and length."""
-    opcode, length = head
-    size = RECORD.size + length
-    limit, count, step = (last - at) // size, 0, 64
-    while count < limit:
-        step = min(step, limit - count)
-        block: NDArray[Any] = np.ndarray(step, _HEAD, buffer.data, at + count * size, (size,))
-        same = (block["opcode"] == opcode) & (block["length"] == length)
-        if not same.all():
-            return count + int(np.argmin(same))
-        count, step = count + step, 8 * step
-    return count
-
-
-def gather(buffer: NDArray[np.uint8], dtype: Any, starts: NDArray[np.int64]) -> NDArray[Any]:
-    """Return the values of a type that start at these offsets, ``(n,)``."""
-    itemsize = np.dtype(dtype).itemsize
-    if not starts.size:
-        return np.empty(0, dtype)
-    every: NDArray[Any] = np.ndarray(buffer.size - itemsize + 1, dtype, buffer.data, strides=(1,))
-    return every[starts]
-
-
-def group_by_value(values: NDArray[Any]) -> Iterator[tuple[int, NDArray[np.intp] | None]]:
-    """Yield each value and its indices, ascending; None where all values are the same."""
-    if not values.size:
-        return
-    if np.all(values == values[0]):
-        yield int(values[0]), None
-        return
-    order = np.argsort(values, kind="stable")
-    in_order = values[order]
-    for rows in np.split(order, np.flatnonzero(in_order[1:] != in_order[:-1]) + 1):
-        yield int(values[rows[0]]), rows
-
-
-def messages_at(buffer: NDArray[np.uint8], starts: NDArray[np.int64], where: str) -> MessageRecords:
+def messages_at(buffer: Octets, starts: Ints, where: str) -> MessageRecords:
     """Return the message records that start at these offsets.
 
     Raises:
@@ -210,39 +133,50 @@ def messages_at(buffer: NDArray[np.uint8], starts: NDArray[np.int64], where: str
     return MessageRecords(buffer, starts, sizes, gather(buffer, "<u2", starts + RECORD.size))
 
 
-def parse_chunk(buffer: NDArray[np.uint8], offset: int, limits: Limits) -> Chunk:
+def chunk_at(buffer: Octets, offset: int, end: int) -> Chunk:
+    """Return the chunk record at an offset whose content ends at ``end``; its data may end later.
+
+    Raises:
+        FormatError: its fields do not fit within.
+    """
+    begin = offset + RECORD.size
+    if end - begin < CHUNK.size + 8:
+        raise FormatError(f"the chunk at byte {offset} is only {end - begin!r} bytes long")
+    start_ns, end_ns, size, crc, name_length = CHUNK.unpack_from(buffer.data, begin)
+    data = begin + CHUNK.size + name_length + 8
+    if data > end:
+        raise FormatError(
+            f"the chunk at byte {offset} has a compression name of {name_length!r} bytes, beyond "
+            "its end"
+        )
+    name = bytes(buffer[begin + CHUNK.size : data - 8]).decode("utf-8", "replace")
+    (data_length,) = struct.unpack_from("<Q", buffer.data, data - 8)
+    return Chunk(offset, start_ns, end_ns, size, crc, name, slice(data, data + data_length))
+
+
+def checked_chunk_at(buffer: Octets, offset: int, limits: Limits) -> Chunk:
     """Return the chunk record at an offset.
 
     Raises:
         FormatError: its lengths do not fit together.
         LimitError: it declares more than the limits allow.
     """
-    begin, length = offset + RECORD.size, RECORD.unpack_from(buffer.data, offset)[1]
-    end = begin + length
-    if length < _CHUNK.size + 8:
-        raise FormatError(f"the chunk at byte {offset} is only {length!r} bytes long")
-    start_ns, end_ns, size, crc, name_length = _CHUNK.unpack_from(buffer.data, begin)
-    data = begin + _CHUNK.size + name_length + 8
-    if data > end:
+    end = offset + RECORD.size + RECORD.unpack_from(buffer.data, offset)[1]
+    chunk = chunk_at(buffer, offset, end)
+    if chunk.data.stop > end:
         raise FormatError(
-            f"the chunk at byte {offset} has a compression name of {name_length!r} bytes, beyond "
-            "its end"
+            f"the chunk at byte {offset} declares {chunk.data.stop - chunk.data.start!r} bytes of "
+            "data, beyond its end"
         )
-    name = bytes(buffer[begin + _CHUNK.size : data - 8]).decode("utf-8", "replace")
-    (data_length,) = struct.unpack_from("<Q", buffer.data, data - 8)
-    if data + data_length > end:
-        raise FormatError(
-            f"the chunk at byte {offset} declares {data_length!r} bytes of data, beyond its end"
-        )
-    if size > limits.chunk_bytes:
+    if chunk.size > limits.chunk_bytes:
         raise LimitError(
-            f"the chunk at byte {offset} declares {size!r} bytes where at most "
+            f"the chunk at byte {offset} declares {chunk.size!r} bytes where at most "
             f"{limits.chunk_bytes} are allowed"
         )
-    return Chunk(offset, start_ns, end_ns, size, crc, name, slice(data, data + data_length))
+    return chunk
 
 
-def unpack(buffer: NDArray[np.uint8], chunk: Chunk) -> NDArray[np.uint8]:
+def unpack(buffer: Octets, chunk: Chunk) -> Octets:
     """Return a chunk's records, of the size and the checksum that it declares; no more than that is
     ever allocated.
 
@@ -258,9 +192,7 @@ def unpack(buffer: NDArray[np.uint8], chunk: Chunk) -> NDArray[np.uint8]:
     return records
 
 
-def decompress(
-    data: NDArray[np.uint8], compression: str, size: int, where: str
-) -> NDArray[np.uint8]:
+def decompress(data: Octets, compression: str, size: int, where: str) -> Octets:
     """Return what data unpack to; no more than the declared size is ever allocated.
 
     Raises:
@@ -280,7 +212,7 @@ def decompress(
     raise FormatError(f"{where} is compressed by {compression!r}; zstd, lz4 and none can be read")
 
 
-def _from_zstd(data: NDArray[np.uint8], size: int, where: str) -> NDArray[np.uint8]:
+def _from_zstd(data: Octets, size: int, where: str) -> Octets:
     declared = zstandard.frame_content_size(data.data)
     if declared not in (-1, size):
         raise FormatError(f"{where} declares {size!r} bytes but its zstd frame {declared!r}")
@@ -289,7 +221,7 @@ def _from_zstd(data: NDArray[np.uint8], size: int, where: str) -> NDArray[np.uin
     return np.frombuffer(_thread.zstd.decompress(data, max_output_size=size), np.uint8)
 
 
-def _from_lz4(data: NDArray[np.uint8], size: int, where: str) -> NDArray[np.uint8]:
+def _from_lz4(data: Octets, size: int, where: str) -> Octets:
     unpacker = lz4.frame.LZ4FrameDecompressor()
     records = unpacker.decompress(bytes(data), max_length=size)
     if not unpacker.eof and unpacker.decompress(b"", max_length=1):
@@ -297,9 +229,7 @@ def _from_lz4(data: NDArray[np.uint8], size: int, where: str) -> NDArray[np.uint
     return np.frombuffer(records, np.uint8)
 
 
-def chunk_contents(
-    buffer: NDArray[np.uint8], chunk: Chunk, indexes: Sequence[slice] = ()
-) -> ChunkContents:
+def chunk_contents(buffer: Octets, chunk: Chunk, indexes: Sequence[slice] = ()) -> ChunkContents:
     """Return what is in a chunk.
 
     Args:
@@ -313,7 +243,8 @@ def chunk_contents(
     """
     records = unpack(buffer, chunk)
     where = f"the chunk at byte {chunk.offset}"
-    starts = _indexed_starts(buffer, records, indexes)
+    offsets = [np.frombuffer(buffer[index], INDEX_ENTRY)["offset"] for index in indexes]
+    starts = indexed_starts(records, offsets)
     if starts is not None:
         return ChunkContents(messages_at(records, starts, where), np.empty(0, np.int64))
     starts, end = record_starts(records, 0, records.size)
@@ -321,26 +252,6 @@ def chunk_contents(
         raise FormatError(f"{where} holds a record at its byte {end} that does not end within it")
     is_message = records[starts] == Opcode.MESSAGE
     return ChunkContents(messages_at(records, starts[is_message], where), starts[~is_message])
-
-
-def _indexed_starts(
-    buffer: NDArray[np.uint8], records: NDArray[np.uint8], indexes: Sequence[slice]
-) -> NDArray[np.int64] | None:
-    """Return where a message index says the messages are if that is all there is in the chunk, else
-    None.
-    """
-    entries = [np.frombuffer(buffer[index], INDEX_ENTRY)["offset"] for index in indexes]
-    if not entries or not sum(part.size for part in entries):
-        return None
-    offsets = entries[0] if len(entries) == 1 else np.sort(np.concatenate(entries), kind="stable")
-    if offsets[0] != 0 or offsets[-1] > records.size - min(records.size, MESSAGE.itemsize):
-        return None
-    starts = offsets.astype(np.int64)
-    if np.any(starts[1:] <= starts[:-1]) or not np.all(records[starts] == Opcode.MESSAGE):
-        return None
-    lengths = gather(records, "<u8", starts + 1)
-    ends = np.append(starts[1:], records.size) - RECORD.size
-    return starts if np.array_equal(lengths, (ends - starts).astype(np.uint64)) else None
 
 
 class _ExactStream(ReadDataStream):
@@ -353,7 +264,7 @@ class _ExactStream(ReadDataStream):
         return data
 
 
-def parse(record: Any, buffer: NDArray[np.uint8], start: int, where: str) -> Any:
+def parse(record: Any, buffer: Octets, start: int, where: str) -> Any:
     """Parse the record that starts at an offset as a class of :mod:`mcap.records`.
 
     Raises:

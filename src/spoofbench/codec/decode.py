@@ -15,7 +15,8 @@ from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from spoofbench.codec.channels import DELIMITED, FIXED32, FIXED64, VARINT, TopicChannel, WireField
-from spoofbench.codec.container import MESSAGE, MessageRecords, gather, group_by_value
+from spoofbench.codec.container import MessageRecords
+from spoofbench.codec.records import MESSAGE, gather, group_by_value
 from spoofbench.errors import FormatError
 from spoofbench.schema import Field, Kind
 

@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from spoofbench.codec.channels import DELIMITED, FIXED32, FIXED64, VARINT
-from spoofbench.codec.container import LOG_TIME, MESSAGE, RECORD
+from spoofbench.codec.records import LOG_TIME, MESSAGE, RECORD
 from spoofbench.errors import RecordingError
 from spoofbench.schema import Field
 from spoofbench.table import Table

@@ -21,21 +21,17 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from spoofbench.codec.container import (
-    INDEX_ENTRY,
-    LOG_TIME,
-    RECORD,
     Chunk,
     ChunkContents,
     Limits,
     MessageRecords,
+    checked_chunk_at,
     chunk_contents,
-    gather,
     map_file,
     messages_at,
     parse,
-    parse_chunk,
-    record_starts,
 )
+from spoofbench.codec.records import INDEX_ENTRY, LOG_TIME, RECORD, gather, record_starts
 from spoofbench.errors import FormatError, LimitError
 
 _INDEX = struct.Struct("<HI")
@@ -255,7 +251,7 @@ def _visit(file: McapFile, starts: NDArray[np.int64]) -> None:
         file.records.append((opcode, start, length))
         if opcode == Opcode.CHUNK:
             taken = _take_loose(file, loose, taken, start)
-            file.sections.append(ChunkSection(parse_chunk(buffer, start, limits)))
+            file.sections.append(ChunkSection(checked_chunk_at(buffer, start, limits)))
         elif opcode == Opcode.MESSAGE_INDEX:
             _visit_index(file, start, length)
         elif opcode in _DEFINITIONS_AND_TEXTS:

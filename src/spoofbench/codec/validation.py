@@ -21,15 +21,9 @@ from mcap.records import (
 )
 
 from spoofbench.codec.channels import topic_channels
-from spoofbench.codec.container import (
-    INDEX_ENTRY,
-    RECORD,
-    ChunkContents,
-    Limits,
-    MessageRecords,
-    parse,
-)
+from spoofbench.codec.container import ChunkContents, Limits, MessageRecords, parse
 from spoofbench.codec.decode import ChannelDecoder, decode_categories, empty_categories
+from spoofbench.codec.records import INDEX_ENTRY, RECORD
 from spoofbench.codec.scan import ChunkSection, LooseSection, McapFile, scan
 from spoofbench.errors import FormatError
 

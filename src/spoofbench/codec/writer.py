@@ -37,8 +37,8 @@ from numpy.typing import NDArray
 
 from spoofbench import __version__
 from spoofbench.codec.channels import ENCODING, LOCATION_SUFFIX, descriptor_set
-from spoofbench.codec.container import INDEX_ENTRY
 from spoofbench.codec.encode import BytesEncoder, MessageEncoder, TableEncoder, location_fixes
+from spoofbench.codec.records import INDEX_ENTRY
 from spoofbench.errors import RecordingError
 from spoofbench.recording import Metadata, Recording
 from spoofbench.schema import split_topic
