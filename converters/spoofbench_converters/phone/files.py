@@ -11,7 +11,7 @@ from typing import IO
 from spoofbench.conversion import Reject, Rejects, Source, Used
 from spoofbench.errors import ConversionError
 from spoofbench_converters.text.columns import WRONG_WIDTH, ColumnReader
-from spoofbench_converters.text.lines import BOM, Lines, read_lines, split
+from spoofbench_converters.text.lines import BOM, Lines, read_lines
 
 HEAD_BYTES = 2**16
 NO_KIND = "a file of no kind in the schema"
@@ -109,14 +109,14 @@ class HeaderSchema:
 
 
 def read_columns(
-    part: LogFile, schema: HeaderSchema, normal: Callable[[str], str] = str
+    file: LogFile, schema: HeaderSchema, normal: Callable[[str], str] = str
 ) -> Iterator[ColumnReader | Used | Reject | Rejects]:
-    """Yield the rows of a table as readers, and the account of all else: its header, blank lines,
-    lines of another width.
+    """Yield the rows of a table, and the account of all else: its header, blank lines, lines of
+    another width.
     """
     places, header = schema.places(normal), True
-    with part.open() as file:
-        for lines in read_lines(file, part.origin):
+    with file.open() as opened:
+        for lines in read_lines(opened, file.origin, schema.delimiter):
             if not isinstance(lines, Lines):
                 yield lines
                 continue
@@ -125,14 +125,12 @@ def read_columns(
                 blank[:1], header = True, False
             if blank.any():
                 yield Used(int(lines.lengths[blank].sum()))
-            rows = split(lines.take(~blank), schema.delimiter)
-            right = rows.widths == len(schema.names)
-            if not right.all():
-                yield Rejects(rows.lines.offsets[~right], rows.lines.lengths[~right], WRONG_WIDTH)
+            right = lines.cells == len(schema.names)
+            yield from lines.rejects(~blank & ~right, WRONG_WIDTH)
+            right &= ~blank
             if right.any():
-                yield ColumnReader(
-                    rows.take(right) if not right.all() else rows, places, schema.decimal_comma
-                )
+                whole = lines if right.all() else lines.take(right)
+                yield ColumnReader(whole, places, schema.delimiter, schema.decimal_comma)
 
 
 def only(parts: Sequence[LogFile], what: str) -> LogFile | None:

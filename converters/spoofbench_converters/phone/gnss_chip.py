@@ -2,7 +2,7 @@
 navigation messages.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,11 +14,10 @@ from spoofbench.table import Column, encode_words
 from spoofbench_converters.phone import android
 from spoofbench_converters.phone.contract import NO_TIME, positive
 from spoofbench_converters.phone.gnsslogger_format import raw_elapsed, raw_utc
-from spoofbench_converters.phone.merging import MergedTopic
+from spoofbench_converters.phone.merging import MergedTopic, in_file_order
 from spoofbench_converters.phone.time_axis import ElapsedTimeAxis, Stamps
 from spoofbench_converters.text import numbers
 from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader, Fields
-from spoofbench_converters.text.lines import Cells, Rows
 
 _MOST_PER_EPOCH = 10_000
 
@@ -122,31 +121,19 @@ class GnssChip:
         kept = timed & ~reader.bad
         yield from self._signals.push(reader.batch("gnss/signal", time_ns, signals, kept))
 
-    def navigation(self, reader: ColumnReader) -> Iterator[Item]:
-        """Take navigation messages; their time is that of the timed row before them."""
-        kind, has_kind = reader.exact(("Type",))
-        svid, has_svid = reader.exact(("Svid",))
-        constellation = np.where(has_kind & (kind >> 8 < 8), kind >> 8, 0)
-        signals = {
-            number: android.SIGNALS.index(signal) for number, signal in _MESSAGE_SIGNALS.items()
-        }
-        codes = np.array([signals.get(number, -1) for number in kind.tolist()], np.int32)
-        octets, bad = _bytes(reader.rows, reader.places.get("Data(Bytes)", 6))
-        messages = {
-            "constellation": Column(android.SCHEMA_CONSTELLATION[constellation], constellation > 0),
-            "svid": Column(
-                np.where(has_svid, android.within_constellation(constellation, svid), 0),
-                has_svid & (svid > 0),
-            ),
-            "signal": Column(codes, None, android.SIGNALS),
-            "subframe": encode_words(octets.tolist()),
-        }
-        time_ns, timed = self._order.times(reader.offset)
-        bad |= reader.bad
-        yield from reader.rejects(bad, NOT_A_NUMBER)
-        yield from reader.rejects(~timed & ~bad, NO_TIME)
-        kept = timed & ~bad
-        yield from self._navdata.push(reader.batch("gnss/navdata", time_ns, messages, kept))
+    def navigation(self, readers: Sequence[ColumnReader]) -> Iterator[Item]:
+        """Take navigation messages, those of each length by themselves; their time is that of the
+        timed row before them.
+        """
+        batches = []
+        for reader in readers:
+            messages, bad = _messages(reader)
+            time_ns, timed = self._order.times(reader.offset)
+            bad |= reader.bad
+            yield from reader.rejects(bad, NOT_A_NUMBER)
+            yield from reader.rejects(~timed & ~bad, NO_TIME)
+            batches.append(reader.batch("gnss/navdata", time_ns, messages, timed & ~bad))
+        yield from self._navdata.push(in_file_order(batches))
 
     def finish(self) -> Iterator[Item]:
         """Yield what is held."""
@@ -274,20 +261,37 @@ class _FileOrder:
         return times, known
 
 
-def _bytes(rows: Rows, place: int) -> tuple[NDArray[np.object_], NDArray[np.bool_]]:
-    """Read the cells from one place on as bytes, signed or not, and which rows have a cell that is
-    none.
+def _messages(reader: ColumnReader) -> tuple[Fields, NDArray[np.bool_]]:
+    """Return the fields of navigation messages of one length, and which have a cell that is no
+    byte, signed or not.
     """
-    found = np.full(rows.widths.size, b"", object)
-    bad = np.zeros(rows.widths.size, bool)
-    for width in np.unique(rows.widths).tolist():
-        mine = np.flatnonzero(rows.widths == width)
-        cells = (rows.firsts[mine][:, None] + np.arange(place, width)).reshape(-1)
-        values, present, wrong = numbers.scaled(
-            Cells(rows.lines.octets, rows.starts[cells], rows.ends[cells])
-        )
-        wrong = wrong | ~present | (values < -128) | (values > 255)
-        octets = np.where(wrong, 0, values).astype(np.uint8).reshape(mine.size, -1)
-        found[mine] = [row.tobytes() for row in octets]
-        bad[mine] = wrong.reshape(mine.size, -1).any(axis=1)
-    return found, bad
+    kind, has_kind = reader.exact(("Type",))
+    svid, has_svid = reader.exact(("Svid",))
+    constellation = np.where(has_kind & (kind >> 8 < 8), kind >> 8, 0)
+    signals = {number: android.SIGNALS.index(signal) for number, signal in _MESSAGE_SIGNALS.items()}
+    codes = np.array([signals.get(number, -1) for number in kind.tolist()], np.int32)
+    octets, bad = _bytes(reader, reader.places.get("Data(Bytes)", 6))
+    fields = {
+        "constellation": Column(android.SCHEMA_CONSTELLATION[constellation], constellation > 0),
+        "svid": Column(
+            np.where(has_svid, android.within_constellation(constellation, svid), 0),
+            has_svid & (svid > 0),
+        ),
+        "signal": Column(codes, None, android.SIGNALS),
+        "subframe": encode_words(octets),
+    }
+    return fields, bad
+
+
+def _bytes(reader: ColumnReader, place: int) -> tuple[list[bytes], NDArray[np.bool_]]:
+    """Return the cells from one place on as bytes, and which rows have one that is none."""
+    import pyarrow as pa
+
+    count, width = len(reader), int(reader.lines.cells[0])
+    if place >= width:
+        return [b""] * count, np.zeros(count, bool)
+    cells = pa.concat_arrays([reader.cells(each) for each in range(place, width)])
+    values, present, wrong = numbers.scaled(cells)
+    wrong = wrong | ~present | (values < -128) | (values > 255)
+    octets = np.where(wrong, 0, values).astype(np.uint8).reshape(-1, count).T
+    return [row.tobytes() for row in octets], np.asarray(wrong.reshape(-1, count).any(axis=0))

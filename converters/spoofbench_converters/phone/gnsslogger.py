@@ -28,9 +28,8 @@ from spoofbench_converters.phone.gnss_chip import GnssChip
 from spoofbench_converters.phone.gnsslogger_format import ELAPSED, SENSORS, UNIX, UTC, LogSchema
 from spoofbench_converters.phone.merging import MergedTopic, in_file_order
 from spoofbench_converters.phone.time_axis import ClockDeviation, ElapsedTimeAxis, Stamps
-from spoofbench_converters.text import lines as text
 from spoofbench_converters.text.columns import NOT_A_NUMBER, WRONG_WIDTH, ColumnReader, Fields
-from spoofbench_converters.text.lines import Lines
+from spoofbench_converters.text.lines import Lines, read_lines
 
 _NOT_KEPT = {
     "NMEA": "NMEA sentences: not asked for, convert with --format nmea",
@@ -80,7 +79,7 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     assert part is not None
     log = _Conversion(*gnsslogger_format.survey(part), options)
     with part.open() as file:
-        for lines in text.read_lines(file, part.origin):
+        for lines in read_lines(file, part.origin):
             if isinstance(lines, Lines):
                 yield from log.take(lines)
             else:
@@ -146,24 +145,33 @@ class _Conversion:
         yield SourceMetadata({**about, "recording": {**recording, **self._deviation.about()}})
 
     def _rows(self, lines: Lines) -> Iterator[Item]:
-        rows = text.split(lines)
-        kinds = gnsslogger_format.types_of(rows)
-        readers: dict[str, ColumnReader] = {}
-        known = np.zeros(kinds.size, bool)
-        for kind in gnsslogger_format.TYPES:
-            selected = kinds == kind.encode()
-            known |= selected
+        kinds = gnsslogger_format.types_of(lines)
+        kept: dict[str, Lines] = {}
+        for number, kind in enumerate(gnsslogger_format.TYPES):
+            selected = kinds == number
             if not selected.any():
                 continue
             if kind in _NOT_KEPT:
                 yield from lines.rejects(selected, _NOT_KEPT[kind])
                 continue
-            readers[kind], right = self._schema.reader(kind, rows.take(selected))
-            yield from lines.take(selected).rejects(~right, WRONG_WIDTH)
-        yield from lines.rejects(~known, "a line of no type that GnssLogger writes")
-        yield from self._readers({kind: reader for kind, reader in readers.items() if len(reader)})
+            same = lines.take(selected)
+            right = self._schema.right(kind, same)
+            yield from same.rejects(~right, WRONG_WIDTH)
+            if right.any():
+                kept[kind] = same if right.all() else same.take(right)
+        yield from lines.rejects(kinds < 0, "a line of no type that GnssLogger writes")
+        messages = kept.pop("Nav", None)
+        yield from self._read(
+            {kind: self._schema.reader(kind, same) for kind, same in kept.items()}
+        )
+        if messages is not None:
+            widths = np.unique(messages.cells).tolist()
+            same_width = (messages.take(messages.cells == width) for width in widths)
+            yield from self._chip.navigation(
+                [self._schema.reader("Nav", same) for same in same_width]
+            )
 
-    def _readers(self, readers: dict[str, ColumnReader]) -> Iterator[Item]:
+    def _read(self, readers: dict[str, ColumnReader]) -> Iterator[Item]:
         """Yield the rows of each type: sensors first, for they tell the time of rows that do
         not.
         """
@@ -192,8 +200,6 @@ class _Conversion:
             yield from self._chip.agc(readers["Agc"])
         if "Status" in readers:
             yield from self._chip.status(readers["Status"])
-        if "Nav" in readers:
-            yield from self._chip.navigation(readers["Nav"])
 
     def _append(self, readers: dict[str, ColumnReader]) -> None:
         """Look for jumps of the clock, among the rows that tell the time."""
@@ -237,7 +243,7 @@ class _Conversion:
         if family == "imu":
             fields["interval_s"] = np.zeros(len(reader))
         name, topic = self._topic(family, which)
-        last = ColumnReader(reader.rows.take(np.array([len(reader) - 1])), reader.places)
+        last = reader.take(slice(len(reader) - 1, len(reader)))
         values = [last.floats(bias.format(axis.upper()))[0] for axis in AXES] if bias else []
         if values and not np.isnan(values).any():
             self._about[name][f"{column.partition('{')[0]}_last_bias"] = " ".join(

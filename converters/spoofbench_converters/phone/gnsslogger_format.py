@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from spoofbench_converters.phone import android
 from spoofbench_converters.phone.files import LogFile
 from spoofbench_converters.phone.time_axis import PAIRS, ElapsedTimeAxis, Pairs, Stamps
-from spoofbench_converters.text import lines as text
 from spoofbench_converters.text.columns import ColumnReader
-from spoofbench_converters.text.lines import Lines
-from spoofbench_converters.text.numbers import words
+from spoofbench_converters.text.lines import Lines, read_lines
+from spoofbench_converters.text.numbers import Cells
 
 SURVEY_BYTES = 2**24
 ENOUGH_PAIRS = 30
@@ -107,16 +106,15 @@ class LogSchema:
             self.names[kind] = names
             self.widths.pop(kind, None)
 
-    def reader(self, kind: str, rows: text.Rows) -> tuple[ColumnReader, NDArray[np.bool_]]:
-        """Return the rows of a type that have the right number of cells as a reader, and which
-        do.
-        """
+    def right(self, kind: str, lines: Lines) -> NDArray[np.bool_]:
+        """Return which lines of a type have the right number of cells, bool ``(n,)``."""
+        width = self.widths.get(kind, len(self.names.get(kind, ())) + 1)
+        return lines.cells >= width if kind == "Nav" else lines.cells == width
+
+    def reader(self, kind: str, lines: Lines) -> ColumnReader:
+        """Return lines of a type and of one width as columns."""
         names = self.names.get(kind, ())
-        width = self.widths.get(kind, len(names) + 1)
-        right = rows.widths >= width if kind == "Nav" else rows.widths == width
-        return ColumnReader(
-            rows.take(right), {name: place + 1 for place, name in enumerate(names)}
-        ), right
+        return ColumnReader(lines, {name: place + 1 for place, name in enumerate(names)})
 
 
 def _header(line: str) -> tuple[str, tuple[str, ...]]:
@@ -125,9 +123,18 @@ def _header(line: str) -> tuple[str, tuple[str, ...]]:
     return (kind, tuple(names)) if kind in TYPES and names else ("", ())
 
 
-def types_of(rows: text.Rows) -> NDArray[np.bytes_]:
-    """Return the first cell of each row."""
-    return words(rows.column(0))
+def types_of(lines: Lines) -> NDArray[np.intp]:
+    """Return the type that the first cell of each line names: its place in :data:`TYPES`, -1 where
+    it names none.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    commas = np.append(np.flatnonzero(lines.plain == ord(",")), lines.plain.size)
+    ends = np.minimum(commas[np.searchsorted(commas, lines.starts)], lines.ends)
+    names = Cells(lines.plain, lines.starts, ends).stripped().texts()
+    index = pc.fill_null(pc.index_in(names, pa.array(TYPES)), -1)
+    return np.asarray(index.to_numpy(zero_copy_only=False), np.intp)
 
 
 def confidence(head: bytes) -> float:
@@ -153,7 +160,7 @@ def survey(part: LogFile) -> tuple[LogSchema, ElapsedTimeAxis]:
     counts: dict[str, dict[int, int]] = {}
     pairs: dict[str, list[Pairs]] = {"sensors": [], "fixes": [], "raw": []}
     with part.open() as file:
-        for lines in text.read_lines(file):
+        for lines in read_lines(file):
             if not isinstance(lines, Lines):
                 continue
             if not lines.starts.size or int(lines.offsets[-1]) > SURVEY_BYTES:
@@ -193,32 +200,28 @@ def _survey_lines(
     counts: dict[str, dict[int, int]],
     pairs: dict[str, list[Pairs]],
 ) -> None:
-    rows = text.split(lines)
-    kinds = types_of(rows)
+    kinds = types_of(lines)
     sensors: list[tuple[NDArray[np.int64], Pairs]] = []
     for kind in schema.names:
-        same = rows.take(kinds == kind.encode())
-        if not same.widths.size:
+        same = lines.take(kinds == TYPES.index(kind))
+        if not len(same):
             continue
-        widths, times = np.unique(same.widths, return_counts=True)
+        widths, times = np.unique(same.cells, return_counts=True)
         for width, count in zip(widths.tolist(), times.tolist(), strict=True):
             counts.setdefault(kind, {}).setdefault(width, 0)
             counts[kind][width] += count
         usual = int(widths[np.argmax(times)])
-        reader = ColumnReader(
-            same.take(same.widths == usual),
-            {name: place + 1 for place, name in enumerate(schema.names[kind])},
-        )
+        whole = same.take(same.cells == usual)
+        if kind not in (*SENSORS, "Fix", "Raw"):
+            continue
+        enough = 10 * PAIRS  # lines, which have so many rows with both clocks, as a rule
+        offset, found = _pairs(kind, schema.reader(kind, whole.take(slice(0, enough))))
+        if offset.size < PAIRS and len(whole) > enough:
+            offset, found = _pairs(kind, schema.reader(kind, whole))
         if kind in SENSORS:
-            elapsed, utc = reader.exact(ELAPSED), reader.exact(UTC, 6)
-            both = have_both(elapsed, utc)
-            sensors.append((reader.offset[both], (elapsed[0][both], utc[0][both])))
-        elif kind == "Fix":
-            gps = np.char.upper(reader.words("Provider")) == b"GPS"
-            pairs["fixes"].append(first_pairs(reader.exact(ELAPSED), reader.exact(UNIX, 6), gps))
-        elif kind == "Raw":
-            utc = raw_utc(reader, android.receiver_times(reader))
-            pairs["raw"].append(first_pairs(raw_elapsed(reader), utc))
+            sensors.append((offset, found))
+        else:
+            pairs["fixes" if kind == "Fix" else "raw"].append(found)
     if sensors:
         order = np.argsort(np.concatenate([offset for offset, _ in sensors]))
         elapsed_ns, utc_ns = (
@@ -244,17 +247,34 @@ def raw_utc(reader: ColumnReader, times: android.Times) -> Stamps:
     return np.where(times.known, times.utc_ns(), logged[0]), times.known | logged[1]
 
 
-def have_both(elapsed: Stamps, utc: Stamps) -> NDArray[np.bool_]:
-    """Return which rows have both clocks, bool ``(n,)``."""
-    return elapsed[1] & utc[1] & (elapsed[0] > 0) & (utc[0] > 0)
-
-
 def first_pairs(
     elapsed: Stamps, utc: Stamps, rows: NDArray[np.bool_] | Literal[True] = True
 ) -> Pairs:
     """Return both clocks of the first rows that have both, among those that a mask selects."""
-    chosen = np.flatnonzero(have_both(elapsed, utc) & rows)[:PAIRS]
+    chosen = _with_both(elapsed, utc, rows)
     return elapsed[0][chosen], utc[0][chosen]
+
+
+def _with_both(
+    elapsed: Stamps, utc: Stamps, rows: NDArray[np.bool_] | Literal[True]
+) -> NDArray[np.intp]:
+    both = elapsed[1] & utc[1] & (elapsed[0] > 0) & (utc[0] > 0) & rows
+    return np.flatnonzero(both)[:PAIRS]
+
+
+def _pairs(kind: str, reader: ColumnReader) -> tuple[NDArray[np.int64], Pairs]:
+    """Return where the first rows of a type that have both clocks lie in the log, and the
+    clocks.
+    """
+    rows: NDArray[np.bool_] | Literal[True] = True
+    if kind == "Raw":
+        elapsed, utc = raw_elapsed(reader), raw_utc(reader, android.receiver_times(reader))
+    else:
+        elapsed, utc = reader.exact(ELAPSED), reader.exact(UNIX if kind == "Fix" else UTC, 6)
+    if kind == "Fix":
+        rows = np.char.upper(reader.words("Provider")) == b"GPS"
+    chosen = _with_both(elapsed, utc, rows)
+    return reader.offset[chosen], (elapsed[0][chosen], utc[0][chosen])
 
 
 def _first(parts: list[Pairs]) -> Pairs:

@@ -217,7 +217,7 @@ def _survey(part: LogFile, schema: HeaderSchema) -> Clock:
     )
     if first is None:
         raise ConversionError("the log has no rows")
-    head = ColumnReader(first.rows.take(np.arange(min(_SURVEY_ROWS, len(first)))), first.places)
+    head = first.take(slice(0, _SURVEY_ROWS))
     texts = [text.decode("ascii", "replace") for text in head.words(_LOGGED).tolist()]
     logged = [_read_time(text) for text in texts]
     stamps = [head.exact((sensor.stamp,), 9) for sensor in _SENSORS if sensor.stamp.endswith(_UNIX)]

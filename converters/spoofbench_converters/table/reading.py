@@ -14,7 +14,7 @@ from spoofbench_converters.table.files import File, array_name
 from spoofbench_converters.table.mapping import TableSpec
 from spoofbench_converters.table.matfile import read_mat
 from spoofbench_converters.table.rows import used_columns
-from spoofbench_converters.table.text import CellBatch, Head, Records, read_head
+from spoofbench_converters.table.text import CellBatch, Head, RecordReader, read_head
 from spoofbench_converters.table.topic import resolve
 
 
@@ -78,7 +78,7 @@ def _file_rows(table: TableSpec, file: File, base: int) -> Iterator[CellBatch | 
         head = read_head(file.head, table.layout, file.name)
         names = _names(table, head, file.name)
         with file.open() as opened:
-            yield from Records(table.layout, names, used_columns(table, names), base).read(
+            yield from RecordReader(table.layout, names, used_columns(table, names), base).read(
                 opened, head
             )
 

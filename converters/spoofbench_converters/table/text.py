@@ -15,15 +15,14 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.conversion import Rejects
+from spoofbench.conversion import Reject, Rejects
 from spoofbench.errors import ConversionError
 from spoofbench_converters.table.cells import NULLS
 from spoofbench_converters.table.mapping import Layout
+from spoofbench_converters.text.columns import parse
+from spoofbench_converters.text.lines import BOM, CR, LF, TAB, read_pieces
 from spoofbench_converters.text.records import (
-    CR,
-    LF,
     MAX_RECORD_BYTES,
-    TAB,
     Found,
     Octets,
     Places,
@@ -33,10 +32,8 @@ from spoofbench_converters.text.records import (
     tabbed,
 )
 
-PIECE_BYTES = 4 * 2**20
 MAX_COLUMNS = 10_000
 HEAD_LINES = 64
-_BOM = b"\xef\xbb\xbf"
 _WITH_COMMA = r"^(\s*[+-]?\d*),(\d*([eE][+-]?\d+)?\s*)$"
 _MARKS = "quotation marks that do not fit together"
 _ENDLESS = "a record of more than 1 MiB"
@@ -86,7 +83,7 @@ def read_head(octets: bytes, layout: Layout, name: str) -> Head:
     """
     if octets[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise ConversionError(f"{name!r} is UTF-16 text; save it as UTF-8")
-    place = len(_BOM) if octets.startswith(_BOM) else 0
+    place = len(BOM) if octets.startswith(BOM) else 0
     line_end = b"\r" if b"\r" in octets and b"\n" not in octets else b"\n"
     names: tuple[str, ...] = ()
     comments: list[str] = []
@@ -139,7 +136,7 @@ def _unique(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
-class Records:
+class RecordReader:
     """Takes a text file apart.
 
     Args:
@@ -156,43 +153,31 @@ class Records:
         self._comment = (layout.comment or "").encode()
         self._blanks = layout.delimiter == "whitespace"
         self._delimiter = TAB if self._blanks else ord(layout.delimiter)
-        self._at = base
-        self._line_end = LF
+        self._base = base
 
     def read(self, file: IO[bytes], head: Head) -> Iterator[CellBatch | Rejects]:
         """Yield the rows of a file, and what is none."""
-        self._line_end = head.line_end
         file.read(head.octets)
         yield CellBatch({}, np.zeros(0, np.int64), np.zeros(0, np.int64), head.octets)
-        self._at += head.octets
-        rest, endless, last = b"", 0, False
-        while not last:
-            piece = file.read(PIECE_BYTES)
-            last = not piece
-            if endless:
-                cut = piece.find(self._line_end) + 1 or len(piece)
-                endless, piece = endless + cut, piece[cut:]
-                if not piece and not last:
-                    continue
-                yield Rejects(np.array([self._at]), np.array([endless]), _ENDLESS)
-                self._at, endless = self._at + endless, 0
-            rest += piece
-            found = self._find(np.frombuffer(rest, np.uint8), last)
-            if found.end:
-                yield from self._sorted(np.frombuffer(rest, np.uint8)[: found.end], found)
-                self._at += found.end
-                rest = rest[found.end :]
-            if len(rest) > MAX_RECORD_BYTES:
-                endless, rest = len(rest), b""
 
-    def _find(self, octets: Octets, last: bool) -> Found:
-        if self._blanks:
-            return find_by_blanks(octets, self._line_end, last)
-        return find(octets, self._delimiter, self._line_end, self._comment, last)
+        def find_in(octets: bytes, last: bool) -> Found:
+            piece = np.frombuffer(octets, np.uint8)
+            if self._blanks:
+                return find_by_blanks(piece, head.line_end, last)
+            return find(piece, self._delimiter, head.line_end, self._comment, last)
 
-    def _sorted(self, octets: Octets, found: Found) -> Iterator[CellBatch | Rejects]:
+        base = self._base + head.octets
+        line_end = bytes([head.line_end])
+        for item in read_pieces(file, find_in, base, MAX_RECORD_BYTES, _ENDLESS, line_end):
+            if isinstance(item, Reject):
+                yield Rejects(np.array([item.offset]), np.array([item.length]), item.reason)
+            else:
+                octets, at, found = item
+                yield from self._sorted(np.frombuffer(octets, np.uint8), found, at)
+
+    def _sorted(self, octets: Octets, found: Found, base: int) -> Iterator[CellBatch | Rejects]:
         """Yield the rows of complete records, and those that are damaged."""
-        offsets, lengths = found.starts + self._at, found.lengths()
+        offsets, lengths = found.starts + base, found.lengths()
         besides = starts_with(octets, found.starts, self._comment)
         besides |= (found.cells == 0) | (
             (lengths <= 2) & ((octets[found.starts] == LF) | (octets[found.starts] == CR))
@@ -266,34 +251,21 @@ class Records:
 
     def _parsed(self, octets: Octets, rows: int) -> Mapping[str, Any] | None:
         import pyarrow as pa
-        from pyarrow import csv as arrow
 
         if not rows:
             return {name: pa.array([], pa.string()) for name in self._wanted}
         text = (tabbed(octets) if self._blanks else octets).tobytes()
         if self._layout.encoding == "latin-1":
             text = text.decode("latin-1").encode()
-        try:
-            table = arrow.read_csv(
-                pa.BufferReader(text),
-                arrow.ReadOptions(
-                    use_threads=False, block_size=len(text) + 1, column_names=list(self._names)
-                ),
-                arrow.ParseOptions(
-                    delimiter=chr(self._delimiter),
-                    quote_char=False if self._blanks else '"',
-                    newlines_in_values=not self._blanks,
-                ),
-                arrow.ConvertOptions(
-                    column_types=dict.fromkeys(self._wanted, pa.string()),
-                    include_columns=list(self._wanted),
-                    null_values=list(NULLS),
-                    strings_can_be_null=True,
-                ),
-            )
-        except pa.ArrowInvalid:
-            return None
-        if table.num_rows != rows:
+        table = parse(
+            text,
+            self._names,
+            self._wanted,
+            delimiter=chr(self._delimiter),
+            quoted=not self._blanks,
+            empty=NULLS,
+        )
+        if table is None or table.num_rows != rows:
             return None
         return {
             name: self._with_points(table.column(name).combine_chunks()) for name in self._wanted

@@ -1,4 +1,4 @@
-"""Tables whose columns are found by name."""
+"""Records of one width as columns of cells, taken apart by Arrow."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from spoofbench.conversion import Rejects, RowBatch
 from spoofbench.table import Column
 from spoofbench_converters.text import numbers
-from spoofbench_converters.text.lines import Rows
+from spoofbench_converters.text.lines import Lines
 
 NOT_A_NUMBER = "a cell that must be a number is none"
 WRONG_WIDTH = "the number of cells is not that of the header"
@@ -18,25 +18,78 @@ Fields = Mapping[str, NDArray[Any] | Column]
 """Values of rows by field: an array ``(n,)``, or a column that says which rows have it."""
 
 
+def parse(
+    octets: bytes,
+    names: Sequence[str],
+    wanted: Sequence[str],
+    *,
+    delimiter: str,
+    quoted: bool,
+    empty: Sequence[str],
+    ascii_only: bool = False,
+) -> Any | None:
+    """Return the wanted columns of delimited text as an Arrow table of texts, null where empty;
+    None where Arrow finds other than one cell for each name in every record.
+
+    Args:
+        octets: the records, UTF-8.
+        names: of all columns, which differ.
+        quoted: whether cells may stand in quotation marks.
+        empty: texts that stand for an empty cell.
+        ascii_only: whether the records are known to be ASCII.
+    """
+    import pyarrow as pa
+    from pyarrow import csv
+
+    try:
+        return csv.read_csv(
+            pa.BufferReader(octets),
+            csv.ReadOptions(
+                use_threads=False, block_size=len(octets) + 1, column_names=list(names)
+            ),
+            csv.ParseOptions(
+                delimiter=delimiter,
+                quote_char='"' if quoted else False,
+                newlines_in_values=quoted,
+            ),
+            csv.ConvertOptions(
+                check_utf8=not ascii_only,
+                column_types=dict.fromkeys(wanted, pa.string()),
+                include_columns=list(wanted),
+                null_values=list(empty),
+                strings_can_be_null=True,
+            ),
+        )
+    except pa.ArrowInvalid:
+        return None
+
+
 class ColumnReader:
-    """Rows of one width, read column by column.
+    """Lines of one width, read column by column.
 
     Attributes:
-        rows: the rows.
+        lines: the lines, none of them blank.
         places: place of each column by name.
         bad: bool ``(n,)``, which have had, in the columns read so far, a cell that is no number.
     """
 
-    def __init__(self, rows: Rows, places: Mapping[str, int], decimal_comma: bool = False) -> None:
-        self.rows = rows
-        self.bad = np.zeros(rows.widths.size, bool)
+    def __init__(
+        self,
+        lines: Lines,
+        places: Mapping[str, int],
+        delimiter: str = ",",
+        decimal_comma: bool = False,
+    ) -> None:
+        self.lines = lines
         self.places = places
-        self._width = int(rows.widths.min()) if rows.widths.size else 0
-        self._decimal_comma = decimal_comma
+        self.bad = np.zeros(len(lines), bool)
+        self._delimiter, self._decimal_comma = delimiter, decimal_comma
+        self._width = int(lines.cells[0]) if len(lines) else 0
+        self._cells: Any = None
 
     def __len__(self) -> int:
         """Number of rows."""
-        return self.rows.widths.size
+        return len(self.lines)
 
     def __contains__(self, name: str) -> bool:
         return self.places.get(name, self._width) < self._width
@@ -44,12 +97,41 @@ class ColumnReader:
     @property
     def offset(self) -> NDArray[np.int64]:
         """Where each row begins in the log, in bytes, ``(n,)``."""
-        return self.rows.lines.offsets
+        return self.lines.offsets
 
     @property
     def units(self) -> NDArray[np.int64]:
         """How many bytes each row takes, ``(n,)``."""
-        return self.rows.lines.lengths
+        return self.lines.lengths
+
+    def cells(self, place: int) -> Any:
+        """Return the cells of one column as an Arrow array of texts, null where empty; blanks and
+        quotation marks around a cell are no part of it.
+        """
+        if self._cells is None:
+            names = [str(number) for number in range(self._width)]
+            self._cells = parse(
+                self.lines.joined(),
+                names,
+                names,
+                delimiter=self._delimiter,
+                quoted=False,
+                empty=("",),
+                ascii_only=True,
+            )
+            assert self._cells is not None
+            assert self._cells.num_rows == len(self), "lines were miscounted"
+        return numbers.stripped(self._cells.column(place).combine_chunks())
+
+    def take(self, rows: slice) -> "ColumnReader":
+        """Return the rows that a slice selects, none of them bad yet."""
+        taken = ColumnReader(
+            self.lines.take(rows), self.places, self._delimiter, self._decimal_comma
+        )
+        if self._cells is not None:
+            start, stop, _ = rows.indices(len(self))
+            taken._cells = self._cells.slice(start, stop - start)
+        return taken
 
     def floats(self, *names: str) -> NDArray[np.float64]:
         """Return the first of these columns that there is, NaN where a cell is empty, or where
@@ -57,9 +139,7 @@ class ColumnReader:
         """
         for name in names:
             if name in self:
-                values, bad = numbers.floats(
-                    self.rows.column(self.places[name]), self._decimal_comma
-                )
+                values, bad = numbers.floats(self.cells(self.places[name]), self._decimal_comma)
                 self.bad |= bad
                 return values
         return np.full(len(self), np.nan)
@@ -73,7 +153,7 @@ class ColumnReader:
         for name in names:
             if name in self:
                 values, present, bad = numbers.scaled(
-                    self.rows.column(self.places[name]), decimals, self._decimal_comma
+                    self.cells(self.places[name]), decimals, self._decimal_comma
                 )
                 self.bad |= bad
                 return values, present
@@ -81,16 +161,13 @@ class ColumnReader:
 
     def words(self, name: str) -> NDArray[np.bytes_]:
         """Return a column of words, empty where there is none."""
-        return (
-            numbers.words(self.rows.column(self.places[name]))
-            if name in self
-            else np.zeros(len(self), "S1")
-        )
+        if name not in self:
+            return np.zeros(len(self), "S1")
+        return numbers.words(numbers.Cells.of(self.cells(self.places[name])))
 
     def rejects(self, rows: NDArray[np.bool_], reason: str) -> Iterator[Rejects]:
         """Yield the rows that a mask selects as rejects, if there are any."""
-        if rows.any():
-            yield Rejects(self.offset[rows], self.units[rows], reason)
+        yield from self.lines.rejects(rows, reason)
 
     def batch(
         self, kind: str, time_ns: NDArray[np.int64], fields: Fields, rows: NDArray[np.bool_]

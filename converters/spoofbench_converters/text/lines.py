@@ -1,91 +1,77 @@
-"""Text logs as lines, piece by piece in bounded memory, and lines as cells; every byte keeps its
-place in the log.
+"""Text in pieces of whole lines or records, in bounded memory; every byte keeps its place in the
+log.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import IO
+from typing import IO, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.conversion import Reject, Rejects
+from spoofbench.table import Rows
 
 PIECE_BYTES = 2**22
-LONGEST_LINE_BYTES = 2**16
-MOST_LINES = 2**16
+MAX_LINE_BYTES = 2**16
+MAX_LINES = 2**16
 BOM = b"\xef\xbb\xbf"
 
-_LF, _CR, _QUOTE, _SPACE = b'\n\r" '
+LF, CR, TAB, BLANK, QUOTE = b'\n\r\t "'
+_MASK = np.uint8(ord("?"))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Lines:
-    """Lines of one piece of a log.
+class Cut(Protocol):
+    """What is found in a piece: ``end`` is where what is whole of it ends."""
 
-    Attributes:
-        octets: uint8 ``(k,)``, the piece.
-        starts, ends: int64 ``(n,)``, each line's text within ``octets``, without its end.
-        offsets, lengths: int64 ``(n,)``, where each line lies in the log, with its end and a byte
-            order mark before it.
-    """
-
-    octets: NDArray[np.uint8]
-    starts: NDArray[np.int64]
-    ends: NDArray[np.int64]
-    offsets: NDArray[np.int64]
-    lengths: NDArray[np.int64]
-
-    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Lines":
-        """Return the lines that a mask or index array selects."""
-        return Lines(
-            self.octets, self.starts[rows], self.ends[rows], self.offsets[rows], self.lengths[rows]
-        )
-
-    def rejects(self, rows: NDArray[np.bool_], reason: str) -> Iterator[Rejects]:
-        """Yield the lines that a mask selects as rejects, if there are any."""
-        if rows.any():
-            yield Rejects(self.offsets[rows], self.lengths[rows], reason)
-
-    def text(self, row: int) -> str:
-        """Return one line's text."""
-        return self.octets[self.starts[row] : self.ends[row]].tobytes().decode("utf-8", "replace")
+    @property
+    def end(self) -> int: ...
 
 
-def read_lines(file: IO[bytes], origin: int = 0) -> Iterator[Lines | Reject]:
-    """Yield a stream's lines; those longer than 64 KiB, and a last line without an end, are
-    rejects.
+AnyCut = TypeVar("AnyCut", bound=Cut)
+
+
+def read_pieces(
+    file: IO[bytes],
+    find: Callable[[bytes, bool], AnyCut],
+    base: int,
+    max_bytes: int,
+    too_long: str,
+    line_end: bytes = b"\n",
+) -> Iterator[tuple[bytes, int, AnyCut] | Reject]:
+    """Yield a stream in pieces, each with its offset in the log and with what is found in it.
 
     Args:
-        file: the stream.
-        origin: offset of its first byte in the log as a whole.
+        file: the stream, however it gives its bytes.
+        find: takes the bytes from where the last piece ended, and whether no more follow.
+        base: offset of the stream in the log.
+        max_bytes: a longer record without an end is skipped up to the next line end, as a reject.
+        too_long: the reason of that.
+        line_end: one byte.
 
     Raises:
         ConversionError: while reading, where what the log is packed in is damaged.
     """
-    left, base, skipping = b"", origin, 0
-    while True:
+    rest, skipped, last = b"", 0, False
+    while not last:
         piece = _read(file, PIECE_BYTES)
-        if not piece:
-            break
-        octets = left + piece
-        if skipping:
-            cut = octets.find(b"\n") + 1
-            if not cut:
-                skipping, base, left = skipping + len(octets), base + len(octets), b""
+        last = not piece
+        if skipped:
+            cut = piece.find(line_end) + 1
+            skipped, piece = skipped + (cut or len(piece)), piece[cut:] if cut else b""
+            if not cut and not last:
                 continue
-            yield _too_long(base - skipping, skipping + cut)
-            octets, base, skipping = octets[cut:], base + cut, 0
-        whole = octets.rfind(b"\n") + 1
-        if whole:
-            yield from _lines(np.frombuffer(octets, np.uint8, whole), base, base == origin)
-        left, base = octets[whole:], base + whole
-        if len(left) > LONGEST_LINE_BYTES:
-            skipping, base, left = len(left), base + len(left), b""
-    if skipping:
-        yield _too_long(base - skipping, skipping)
-    elif left:
-        yield Reject(base, len(left), "cut off: the last line has no end")
+            yield Reject(base, skipped, too_long)
+            base, skipped = base + skipped, 0
+        rest += piece
+        found = find(rest, last)
+        if found.end:
+            yield rest[: found.end], base, found
+            base, rest = base + found.end, rest[found.end :]
+        if len(rest) > max_bytes:
+            skipped, rest = len(rest), b""
+    if skipped:
+        yield Reject(base, skipped, too_long)
 
 
 def _read(file: IO[bytes], size: int) -> bytes:
@@ -97,123 +83,142 @@ def _read(file: IO[bytes], size: int) -> bytes:
     return b"".join(pieces)
 
 
-def _too_long(offset: int, length: int) -> Reject:
-    return Reject(offset, length, f"a line of more than {LONGEST_LINE_BYTES:,} bytes")
+@dataclass(frozen=True, slots=True, eq=False)
+class Lines:
+    """Lines of one piece of a log, each of which is a record.
 
-
-def _lines(octets: NDArray[np.uint8], base: int, first: bool) -> Iterator[Lines | Reject]:
-    """Yield the lines of a piece that ends with one, so many at a time that their places stay
-    small.
+    Attributes:
+        octets: uint8 ``(k,)``, the piece.
+        plain: uint8 ``(k,)``, the piece as printable ASCII, other characters masked; so are
+            delimiters between quotation marks, which are text.
+        starts, ends: int64 ``(n,)``, each line's text within ``octets``, without its end.
+        offsets, lengths: int64 ``(n,)``, where each line lies in the log, with its end and a byte
+            order mark before it.
+        cells: int64 ``(n,)``, number of cells of each.
     """
-    step = octets.size if int(np.count_nonzero(octets == _LF)) <= MOST_LINES else MOST_LINES
+
+    octets: NDArray[np.uint8]
+    plain: NDArray[np.uint8]
+    starts: NDArray[np.int64]
+    ends: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    cells: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Number of lines."""
+        return self.starts.size
+
+    def take(self, rows: Rows) -> "Lines":
+        """Return the lines that a slice, mask or index array selects."""
+        columns = (self.starts, self.ends, self.offsets, self.lengths, self.cells)
+        return Lines(self.octets, self.plain, *(column[rows] for column in columns))
+
+    def rejects(self, rows: NDArray[np.bool_], reason: str) -> Iterator[Rejects]:
+        """Yield the lines that a mask selects as rejects, if there are any."""
+        if rows.any():
+            yield Rejects(self.offsets[rows], self.lengths[rows], reason)
+
+    def text(self, row: int) -> str:
+        """Return one line's text."""
+        return self.octets[self.starts[row] : self.ends[row]].tobytes().decode("utf-8", "replace")
+
+    def joined(self) -> bytes:
+        """Return the lines one after the other, as printable ASCII, a line feed behind each."""
+        if not len(self):
+            return b""
+        first, last = int(self.starts[0]), int(self.ends[-1])
+        piece = self.plain[first:last].tobytes()
+        if int(self.lengths.sum()) == int(self.offsets[-1] + self.lengths[-1] - self.offsets[0]):
+            return piece + b"\n"
+        bounds = zip((self.starts - first).tolist(), (self.ends - first).tolist(), strict=True)
+        return b"\n".join([piece[start:end] for start, end in bounds]) + b"\n"
+
+
+@dataclass(frozen=True, slots=True)
+class _WholeLines:
+    end: int
+
+
+def read_lines(
+    file: IO[bytes], origin: int = 0, delimiter: str = ","
+) -> Iterator[Lines | Reject | Rejects]:
+    """Yield a stream's lines; those longer than 64 KiB, and a last line without an end, are
+    rejects.
+
+    Args:
+        file: the stream.
+        origin: offset of its first byte in the log as a whole.
+        delimiter: of cells; between double quotes it is text.
+
+    Raises:
+        ConversionError: as :func:`read_pieces`.
+    """
+    end, too_long = origin, f"a line of more than {MAX_LINE_BYTES:,} bytes"
+    rest = 0
+
+    def find(octets: bytes, last: bool) -> _WholeLines:
+        nonlocal rest
+        whole = octets.rfind(b"\n") + 1
+        rest = len(octets) - whole if last else 0
+        return _WholeLines(whole)
+
+    for item in read_pieces(file, find, origin, MAX_LINE_BYTES, too_long):
+        if isinstance(item, Reject):
+            yield item
+            end = item.offset + item.length
+            continue
+        piece, base, found = item
+        octets = np.frombuffer(piece, np.uint8)
+        for start, stop in _parts(octets):
+            first = base == origin and start == 0
+            lines = _cut(octets[start:stop], base + start, ord(delimiter), first)
+            long = lines.lengths > MAX_LINE_BYTES
+            yield from lines.rejects(long, too_long)
+            yield lines.take(~long) if long.any() else lines
+        end = base + found.end
+    if 0 < rest <= MAX_LINE_BYTES:
+        yield Reject(end, rest, "cut off: the last line has no end")
+
+
+def _parts(octets: NDArray[np.uint8]) -> Iterator[tuple[int, int]]:
+    """Yield from where to where a piece is cut, so that the places of its lines stay few."""
+    step = octets.size if int(np.count_nonzero(octets == LF)) <= MAX_LINES else MAX_LINES
     start = 0
     while start < octets.size:
         stop = min(start + step, octets.size)
-        stop += int(np.argmax(octets[stop - 1 :] == _LF))
-        yield from _cut(octets[start:stop], base + start, first and start == 0)
+        stop += int(np.argmax(octets[stop - 1 :] == LF))
+        yield start, stop
         start = stop
 
 
-def _cut(octets: NDArray[np.uint8], base: int, first: bool) -> Iterator[Lines | Reject]:
-    line_ends = np.flatnonzero(octets == _LF)
+def _cut(octets: NDArray[np.uint8], base: int, delimiter: int, is_first: bool) -> Lines:
+    line_ends = np.flatnonzero(octets == LF)
     firsts = np.concatenate([[0], line_ends[:-1] + 1])
     lengths = line_ends + 1 - firsts
-    ends = line_ends - ((lengths > 1) & (octets[np.maximum(line_ends - 1, 0)] == _CR))
+    ends = line_ends - ((lengths > 1) & (octets[np.maximum(line_ends - 1, 0)] == CR))
     starts = firsts.copy()
-    if first and octets[: len(BOM)].tobytes() == BOM:
+    if is_first and octets[: len(BOM)].tobytes() == BOM:
         starts[0] = len(BOM)
-    lines = Lines(octets, starts, ends, base + firsts, lengths)
-    long = lengths > LONGEST_LINE_BYTES
-    if long.any():
-        for row in np.flatnonzero(long).tolist():
-            yield _too_long(int(lines.offsets[row]), int(lengths[row]))
-        lines = lines.take(~long)
-    yield lines
+    delimiters = np.flatnonzero(octets == delimiter)
+    plain, is_text = octets, _between_quotes(octets, delimiters, firsts)
+    odd = (octets > 126) | ((octets < BLANK) & (octets != LF) & (octets != TAB))
+    odd[ends[ends < line_ends]] = False
+    if is_text.any() or odd.any():
+        plain = np.where(odd, _MASK, octets)
+        plain[delimiters[is_text]] = _MASK
+        delimiters = delimiters[~is_text]
+    cells = np.diff(np.searchsorted(delimiters, np.append(firsts, octets.size))) + 1
+    return Lines(octets, plain, starts, ends, base + firsts, lengths, cells)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Cells:
-    """One cell of each of n lines: where it starts and ends in ``octets``, int64 ``(n,)``."""
-
-    octets: NDArray[np.uint8]
-    starts: NDArray[np.int64]
-    ends: NDArray[np.int64]
-
-    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Cells":
-        """Return the cells that a mask or index array selects."""
-        return Cells(self.octets, self.starts[rows], self.ends[rows])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rows:
-    """Lines cut into cells.
-
-    Attributes:
-        lines: the lines.
-        widths: int64 ``(n,)``, number of cells of each.
-        firsts: int64 ``(n,)``, place of each line's first cell in ``starts``.
-        starts, ends: int64 ``(m,)``, all cells within the octets.
-    """
-
-    lines: Lines
-    widths: NDArray[np.int64]
-    firsts: NDArray[np.int64]
-    starts: NDArray[np.int64]
-    ends: NDArray[np.int64]
-
-    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Rows":
-        """Return the rows that a mask or index array selects."""
-        return Rows(
-            self.lines.take(rows), self.widths[rows], self.firsts[rows], self.starts, self.ends
-        )
-
-    def column(self, place: int) -> Cells:
-        """Return the cells of one column; each row must have it."""
-        cells = self.firsts + place
-        return Cells(self.lines.octets, self.starts[cells], self.ends[cells])
-
-
-def split(lines: Lines, delimiter: str = ",") -> Rows:
-    """Cut lines into cells; a delimiter between double quotes is text, quotes and blanks around a
-    cell are not.
-    """
-    octets = lines.octets
-    if not lines.starts.size:
-        none = np.empty(0, np.int64)
-        return Rows(lines, none, none, none, none)
-    places = np.flatnonzero(octets == ord(delimiter))
-    owner = np.searchsorted(lines.starts, places, "right") - 1
-    inside = (owner >= 0) & (places < lines.ends[np.maximum(owner, 0)])
-    quotes = np.flatnonzero(octets == _QUOTE)
-    if quotes.size:
-        before = (
-            np.searchsorted(quotes, places)
-            - np.searchsorted(quotes, lines.starts)[np.maximum(owner, 0)]
-        )
-        inside &= before % 2 == 0
-    places, owner = places[inside], owner[inside]
-    widths = np.bincount(owner, minlength=lines.starts.size) + 1
-    firsts = np.cumsum(widths) - widths
-    starts = np.empty(int(widths.sum()), np.int64)
-    ends = np.empty_like(starts)
-    after = np.ones(starts.size, bool)
-    after[firsts] = False
-    starts[firsts], starts[after] = lines.starts, places + 1
-    last = np.zeros(starts.size, bool)
-    last[firsts + widths - 1] = True
-    ends[last], ends[~last] = lines.ends, places
-    if octets.size and (quotes.size or bool(np.any(octets == _SPACE))):
-        _strip(octets, starts, ends)
-    return Rows(lines, widths, firsts, starts, ends)
-
-
-def _strip(octets: NDArray[np.uint8], starts: NDArray[np.int64], ends: NDArray[np.int64]) -> None:
-    """Move the edges of cells past one blank on either side, then past a pair of quotes."""
-    for blank in (_SPACE, _QUOTE):
-        filled = ends - starts > (blank == _QUOTE)
-        first = octets[np.minimum(starts, octets.size - 1)] == blank
-        last = octets[np.maximum(ends - 1, 0)] == blank
-        if blank == _QUOTE:
-            first = last = first & last
-        starts += filled & first
-        ends -= filled & last & (ends > starts)
+def _between_quotes(
+    octets: NDArray[np.uint8], places: NDArray[np.int64], firsts: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return which places have an odd number of quotation marks before them in their lines."""
+    quotes = np.flatnonzero(octets == QUOTE)
+    if not quotes.size:
+        return np.zeros(places.size, bool)
+    line = np.searchsorted(firsts, places, "right") - 1
+    before = np.searchsorted(quotes, places) - np.searchsorted(quotes, firsts)[line]
+    return np.asarray(before % 2 == 1)

@@ -1,14 +1,15 @@
 """Cells as numbers and words: whole columns at once, times exact to the nanosecond."""
 
+from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench_converters.text.lines import Cells
+from spoofbench_converters.text.lines import BLANK, QUOTE
 
-LONGEST_NUMBER = 48
+MAX_NUMBER_BYTES = 48
 _ABSENT = ("", "null", "NULL", "nan", "NaN", "None", "N/A", "inf", "-inf", "Infinity", "-Infinity")
 _NUMBER = r"^[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?$"
 _EXACT = 2.0**52
@@ -32,14 +33,88 @@ class Integers(NamedTuple):
     bad: NDArray[np.bool_]
 
 
-def floats(cells: Cells, decimal_comma: bool = False) -> Floats:
-    """Read cells as decimal numbers, correctly rounded."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Where each of n cells starts and ends in ``octets``, int64 ``(n,)``; an empty one has no
+    length.
+    """
+
+    octets: NDArray[np.uint8]
+    starts: NDArray[np.int64]
+    ends: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, texts: Any) -> "Cells":
+        """Return an Arrow array of texts, without a copy."""
+        _, offsets, content = texts.buffers()
+        bounds = np.frombuffer(offsets, np.int32)[texts.offset : texts.offset + len(texts) + 1]
+        octets = np.empty(0, np.uint8) if content is None else np.frombuffer(content, np.uint8)
+        return cls(octets, bounds[:-1].astype(np.int64), bounds[1:].astype(np.int64))
+
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Cells":
+        """Return the cells that a mask or index array selects."""
+        return Cells(self.octets, self.starts[rows], self.ends[rows])
+
+    def stripped(self) -> "Cells":
+        """Return the cells without one blank on either side, then without a pair of quotation
+        marks.
+        """
+        if not self.starts.size:
+            return self
+        octets = self.octets
+        used = octets[int(self.starts[0]) : int(self.ends[-1])]
+        if not np.any((used == BLANK) | (used == QUOTE)):
+            return self
+        starts, ends = self.starts.copy(), self.ends.copy()
+        for edge in (BLANK, QUOTE):
+            filled = ends - starts > (edge == QUOTE)
+            first = octets[np.minimum(starts, octets.size - 1)] == edge
+            last = octets[np.maximum(ends - 1, 0)] == edge
+            if edge == QUOTE:
+                first = last = first & last
+            starts += filled & first
+            ends -= filled & last & (ends > starts)
+        if np.array_equal(starts, self.starts) and np.array_equal(ends, self.ends):
+            return self
+        return Cells(octets, starts, ends)
+
+    def texts(self) -> Any:
+        """Return the cells as an Arrow array of texts, null where empty."""
+        import pyarrow as pa
+
+        lengths = self.ends - self.starts
+        offsets = np.zeros(lengths.size + 1, np.int32)
+        np.cumsum(lengths, out=offsets[1:])
+        places = np.arange(int(offsets[-1])) + np.repeat(self.starts - offsets[:-1], lengths)
+        return pa.Array.from_buffers(
+            pa.string(),
+            lengths.size,
+            [
+                pa.py_buffer(np.packbits(lengths > 0, bitorder="little")),
+                pa.py_buffer(offsets),
+                pa.py_buffer(self.octets[places].tobytes()),
+            ],
+        )
+
+
+def stripped(texts: Any) -> Any:
+    """Return an Arrow array of texts as :meth:`Cells.stripped` does, null where nothing is left."""
+    cells = Cells.of(texts)
+    inner = cells.stripped()
+    return texts if inner is cells else inner.texts()
+
+
+def floats(texts: Any, decimal_comma: bool = False) -> Floats:
+    """Read an Arrow array of texts as decimal numbers, correctly rounded."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    lengths = cells.ends - cells.starts
-    long = lengths > LONGEST_NUMBER
-    texts = _texts(cells, np.where(long, 0, lengths), decimal_comma)
+    cells = Cells.of(texts)
+    long = cells.ends - cells.starts > MAX_NUMBER_BYTES
+    if long.any():
+        texts = pc.if_else(pa.array(long), pa.scalar(None, pa.string()), texts)
+    if decimal_comma:
+        texts = pc.replace_substring(texts, ",", ".")
     try:
         values = texts.cast(pa.float64())
         bad = long
@@ -54,18 +129,19 @@ def floats(cells: Cells, decimal_comma: bool = False) -> Floats:
     return Floats(found, bad)
 
 
-def scaled(cells: Cells, decimals: int = 0, decimal_comma: bool = False) -> Integers:
-    """Read cells as decimal numbers times ``10 ** decimals``, exactly; what lies beyond is rounded
-    half up.
+def scaled(texts: Any, decimals: int = 0, decimal_comma: bool = False) -> Integers:
+    """Read an Arrow array of texts as decimal numbers times ``10 ** decimals``, exactly; what lies
+    beyond is rounded half up.
 
     Seconds with 9 decimals, or milliseconds with 6, are nanoseconds.
     """
+    cells = Cells.of(texts)
     lengths = cells.ends - cells.starts
     plain = _Plain(lengths.size, decimals, ord("," if decimal_comma else "."))
-    for place in range(min(int(lengths.max(initial=0)), LONGEST_NUMBER)):
+    for place in range(min(int(lengths.max(initial=0)), MAX_NUMBER_BYTES)):
         plain.take(cells.octets.take(cells.starts + place, mode="clip"), place, place < lengths)
     values, present = plain.values()
-    present &= lengths <= LONGEST_NUMBER
+    present &= lengths <= MAX_NUMBER_BYTES
     values[~present], bad = 0, np.zeros(lengths.size, bool)
     other = np.flatnonzero(~present & (lengths > 0))
     if other.size:
@@ -77,7 +153,7 @@ def scaled(cells: Cells, decimals: int = 0, decimal_comma: bool = False) -> Inte
 
 def _scaled_otherwise(cells: Cells, decimals: int, decimal_comma: bool) -> Integers:
     """Read cells of any form as :func:`scaled` does."""
-    approximate = floats(cells, decimal_comma)
+    approximate = floats(cells.texts(), decimal_comma)
     with np.errstate(over="ignore"):
         scaled_floats = approximate.values * 10.0**decimals
     present = ~np.isnan(approximate.values)
@@ -153,22 +229,3 @@ def words(cells: Cells, longest: int = 32) -> NDArray[np.bytes_]:
         return np.zeros(lengths.size, f"S{width}")
     places = np.where(within, cells.starts[:, None] + reach, 0)
     return np.where(within, cells.octets[places], np.uint8(0)).view(f"S{width}").reshape(-1)
-
-
-def _texts(cells: Cells, lengths: NDArray[np.int64], decimal_comma: bool) -> Any:
-    """Return cells as an Arrow array of text, null where empty."""
-    import pyarrow as pa
-
-    offsets = np.zeros(lengths.size + 1, np.int32)
-    np.cumsum(lengths, out=offsets[1:])
-    places = np.arange(int(offsets[-1])) + np.repeat(cells.starts - offsets[:-1], lengths)
-    octets = cells.octets[places]
-    if decimal_comma:
-        octets = np.where(octets == ord(","), np.uint8(ord(".")), octets)
-    valid = np.packbits(lengths > 0, bitorder="little")
-    ascii_only = np.where(octets < 128, octets, np.uint8(ord("?")))
-    return pa.Array.from_buffers(
-        pa.string(),
-        lengths.size,
-        [pa.py_buffer(valid), pa.py_buffer(offsets), pa.py_buffer(ascii_only.tobytes())],
-    )

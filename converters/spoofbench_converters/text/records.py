@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench_converters.text.lines import BLANK, CR, LF, QUOTE, TAB
+
 MAX_RECORD_BYTES = 2**20
 MAX_RECORD_LINES = 64
-
-QUOTE, LF, CR, BLANK, TAB = b'"\n\r \t'
 
 Octets = NDArray[np.uint8]
 Places = NDArray[np.int64]

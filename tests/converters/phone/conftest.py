@@ -294,8 +294,10 @@ def sensor_logger_tables(platform: str, standardised: bool = False) -> Iterator[
         )
     yield (
         "Metadata.csv",
-        "version,device name,platform,appVersion,standardisation\n"
-        f"3,Phone,{platform},1.49,{str(standardised).lower()}",
+        (
+            "version,device name,platform,appVersion,standardisation\n"
+            f"3,Phone,{platform},1.49,{str(standardised).lower()}"
+        ),
     )
     yield "Annotation.csv", 'time,seconds_elapsed,text\n1,2,"a, b\nc"\n'
     for name, rows in tables.items():

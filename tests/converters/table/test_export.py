@@ -39,8 +39,8 @@ LAYOUTS = [
     'delimiter = ";"\ndecimal_comma = true',
     'delimiter = "whitespace"',
     (
-        'header = false\ncolumns = ["t", "day", "ax", "ay", "az", "gx", "gy", "gz", "lat", "v", "n", '
-        '"q", "ok", "tow", "week", "band", "more"]'
+        'header = false\ncolumns = ["t", "day", "ax", "ay", "az", "gx", "gy", "gz", "lat", "v", '
+        '"n", "q", "ok", "tow", "week", "band", "more"]'
     ),
 ]
 TIMES = [

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from spoofbench_converters.table import text
+from spoofbench_converters.text import lines
 
 from spoofbench.errors import ConversionError
 
@@ -106,7 +106,7 @@ def test_pieces_do_not_matter(
     )
     whole = convert_text(log)
     with monkeypatch.context() as patch:
-        patch.setattr(text, "PIECE_BYTES", piece)
+        patch.setattr(lines, "PIECE_BYTES", piece)
         cut = convert_text(log)
     assert whole.total == cut.total == len(log)
     assert whole.ledger.reasons == cut.ledger.reasons
@@ -326,7 +326,7 @@ def test_appending_does_not_depend_on_pieces(
     )
     whole = convert_text(log, append_clock=True)
     with monkeypatch.context() as patch:
-        patch.setattr(text, "PIECE_BYTES", piece)
+        patch.setattr(lines, "PIECE_BYTES", piece)
         cut = convert_text(log, append_clock=True)
     assert _times(whole) == _times(cut)
     assert whole.metadata == cut.metadata

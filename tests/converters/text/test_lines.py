@@ -3,15 +3,18 @@
 import csv
 import io
 from decimal import ROUND_HALF_UP, Decimal
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spoofbench_converters.text import lines, numbers
-from spoofbench_converters.text.lines import Cells, Lines
+from spoofbench_converters.text.columns import ColumnReader
+from spoofbench_converters.text.lines import Lines
 
-from spoofbench.conversion import Reject
+from spoofbench.conversion import Reject, Rejects
 
 logs = st.lists(
     st.sampled_from(
@@ -34,6 +37,9 @@ def read(log: bytes, stream: type[io.BytesIO] = io.BytesIO) -> list[tuple[int, i
     for item in lines.read_lines(stream(log)):
         if isinstance(item, Reject):
             found.append((item.offset, item.length, item.reason))
+        elif isinstance(item, Rejects):
+            places = zip(item.offsets.tolist(), item.lengths.tolist(), strict=True)
+            found += [(offset, length, item.reason) for offset, length in places]
         else:
             places = zip(
                 item.offsets.tolist(),
@@ -70,32 +76,48 @@ def test_every_byte_is_in_one_line_or_reject_however_it_is_read(log: bytes, piec
 
 @settings(max_examples=100, deadline=None)
 @given(
-    rows=st.lists(
-        st.lists(st.text("ab,1. -", max_size=5), min_size=2, max_size=4), min_size=1, max_size=5
-    )
+    rows=st.integers(2, 4).flatmap(
+        lambda width: st.lists(
+            st.lists(st.text("ab,1. -", max_size=5), min_size=width, max_size=width),
+            min_size=1,
+            max_size=5,
+        )
+    ),
+    delimiter=st.sampled_from(",;\t"),
 )
-def test_cells_are_those_of_the_csv_module(rows: list[list[str]]) -> None:
+def test_cells_are_those_of_the_csv_module(rows: list[list[str]], delimiter: str) -> None:
     text = io.StringIO()
-    csv.writer(text, quoting=csv.QUOTE_ALL, lineterminator="\n").writerows(rows)
+    csv.writer(text, delimiter=delimiter, quoting=csv.QUOTE_ALL, lineterminator="\n").writerows(
+        rows
+    )
     piece = next(
         item
-        for item in lines.read_lines(io.BytesIO(text.getvalue().encode()))
+        for item in lines.read_lines(io.BytesIO(text.getvalue().encode()), 0, delimiter)
         if isinstance(item, Lines)
     )
-    found = lines.split(piece)
-    assert found.widths.tolist() == [len(row) for row in rows]
-    cells = [
-        found.lines.octets[start:end].tobytes().decode()
-        for start, end in zip(found.starts, found.ends, strict=True)
-    ]
-    assert cells == [cell for row in rows for cell in row]
+    assert piece.cells.tolist() == [len(row) for row in rows]
+    reader = ColumnReader(piece, {}, delimiter)
+    for place, cells in enumerate(zip(*rows, strict=True)):
+        masked = [cell.replace(delimiter, "?") or None for cell in cells]
+        assert reader.cells(place).to_pylist() == masked
 
 
-def column(texts: list[str]) -> Cells:
-    octets = "\n".join(texts).encode()
-    ends = np.cumsum([len(text.encode()) + 1 for text in texts]) - 1
-    starts = ends - [len(text.encode()) for text in texts]
-    return Cells(np.frombuffer(octets, np.uint8), starts, ends)
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.binary(max_size=12).filter(lambda line: b"\n" not in line), min_size=1))
+def test_any_lines_have_the_cells_that_are_counted(texts: list[bytes]) -> None:
+    log = b"".join(b"x" + text + b"\n" for text in texts)
+    piece = next(item for item in lines.read_lines(io.BytesIO(log)) if isinstance(item, Lines))
+    for width in np.unique(piece.cells).tolist():
+        same = piece.take(piece.cells == width)
+        reader = ColumnReader(same, {})
+        cells = [reader.cells(place).to_pylist() for place in range(width)]
+        assert all(len(column) == len(same) for column in cells)
+
+
+def column(texts: list[str]) -> Any:
+    """Return texts as cells, which have no characters but ASCII."""
+    masked = (text.encode("ascii", "replace").decode() for text in texts)
+    return pa.array([text or None for text in masked], pa.string())
 
 
 decimals = st.one_of(
