@@ -190,7 +190,7 @@ class Unit:
         A factor 1/k divides, so that a decimal stays the nearest number.
         """
         shifted = raw - float(self.zero) if self.zero else raw
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):  # damage makes signalling NaNs
             if self.pi:
                 return np.asarray(shifted * (float(self.factor) * math.pi**self.pi))
             return np.asarray(
