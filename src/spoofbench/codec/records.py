@@ -128,7 +128,8 @@ def indexed_starts(records: Octets, offsets: Sequence[NDArray[np.uint64]]) -> In
     """
     if not offsets:
         return None
-    ordered = offsets[0] if len(offsets) == 1 else np.sort(np.concatenate(offsets))
+    # Offsets ascend within each index: a stable sort merges them.
+    ordered = offsets[0] if len(offsets) == 1 else np.sort(np.concatenate(offsets), kind="stable")
     last = records.size - MESSAGE.itemsize
     if not ordered.size or last < 0 or ordered[0] != 0 or ordered[-1] > last:
         return None
