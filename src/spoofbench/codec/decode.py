@@ -14,6 +14,7 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Indices, Ints, Octets
 from spoofbench.codec.channels import DELIMITED, FIXED32, FIXED64, VARINT, TopicChannel, WireField
 from spoofbench.codec.container import MessageRecords
 from spoofbench.codec.records import MESSAGE, gather, group_by_value
@@ -40,7 +41,7 @@ _FIXED = {
 }
 
 
-Values = tuple[NDArray[Any], NDArray[np.bool_] | None]
+Values = tuple[NDArray[Any], Bools | None]
 """Values of a field ``(n,)``, and which rows have it, None where all do."""
 
 Categories = dict[str, dict[bytes, int]]
@@ -75,7 +76,7 @@ class ChannelDecoder:
             FormatError: a message is not what the channel's schema says.
         """
         rows = messages.starts.size
-        parts: list[tuple[NDArray[np.intp] | None, dict[str, Values]]] = []
+        parts: list[tuple[Indices | None, dict[str, Values]]] = []
         for size, which in group_by_value(messages.sizes):
             block = _block(
                 messages.buffer, messages.starts if which is None else messages.starts[which], size
@@ -86,13 +87,13 @@ class ChannelDecoder:
         return _assembled(rows, parts)
 
     def _by_layout(
-        self, block: NDArray[np.uint8], which: NDArray[np.intp] | None, where: str
-    ) -> list[tuple[NDArray[np.intp] | None, dict[str, Values]]]:
+        self, block: Octets, which: Indices | None, where: str
+    ) -> list[tuple[Indices | None, dict[str, Values]]]:
         """Decode equally long records ``(n, size)``: rows of one layout at a time, the rest one by
         one.
         """
         known = self._known.setdefault(block.shape[1], [])
-        parts: list[tuple[NDArray[np.intp] | None, dict[str, Values]]] = []
+        parts: list[tuple[Indices | None, dict[str, Values]]] = []
         first_new = len(known)
         for attempt in range(min(first_new + _LAYOUTS, _KNOWN)):
             if attempt == len(known):
@@ -112,7 +113,7 @@ class ChannelDecoder:
                 break
         return [*parts, (which, self._one_by_one(block, where))]
 
-    def _values(self, block: NDArray[np.uint8], layout: "_DecodeLayout") -> dict[str, Values]:
+    def _values(self, block: Octets, layout: "_DecodeLayout") -> dict[str, Values]:
         values: dict[str, Values] = {}
         for wire, column, width in layout.fields:
             values[wire.field.name] = self._value(block, wire, column, width), None
@@ -133,9 +134,7 @@ class ChannelDecoder:
             len(values),
         )
 
-    def _value(
-        self, block: NDArray[np.uint8], wire: WireField, column: int, width: int
-    ) -> NDArray[Any]:
+    def _value(self, block: Octets, wire: WireField, column: int, width: int) -> NDArray[Any]:
         rows, size = block.shape
         if wire.type in _FIXED:
             fixed: NDArray[Any] = np.ndarray(rows, _FIXED[wire.type], block.data, column, (size,))
@@ -152,7 +151,7 @@ class ChannelDecoder:
             number |= (block[:, column + index] & 0x7F).astype(np.uint64) << np.uint64(7 * index)
         return _cast(_integers(number, wire.type), wire.field)
 
-    def _one_by_one(self, block: NDArray[np.uint8], where: str) -> dict[str, Values]:
+    def _one_by_one(self, block: Octets, where: str) -> dict[str, Values]:
         """Decode records by the official decoder."""
         message = self._channel.message()
         columns: dict[str, list[Any]] = {wire.field.name: [] for wire in self._channel.wires}
@@ -199,7 +198,7 @@ class _DecodeLayout:
     constant: tuple[tuple[int, int, int], ...]  # column, mask, value
     fields: tuple[tuple[WireField, int, int], ...]  # wire, column, width
 
-    def fits(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    def fits(self, rows: Octets) -> Bools:
         """Which rows ``(n, size)`` have this layout."""
         fit = np.ones(len(rows), bool)
         for column, mask, value in self.constant:
@@ -264,7 +263,7 @@ def _varint(data: bytes, at: int, limit: int) -> tuple[int, int] | None:
     return None
 
 
-def _block(buffer: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> NDArray[np.uint8]:
+def _block(buffer: Octets, starts: Ints, size: int) -> Octets:
     """Return equally long records as rows ``(n, size)``; without a copy where they follow each
     other.
     """
@@ -313,11 +312,11 @@ def _cast(values: NDArray[Any], field: Field) -> NDArray[Any]:
 
 
 def _assembled(
-    rows: int, parts: list[tuple[NDArray[np.intp] | None, dict[str, Values]]]
+    rows: int, parts: list[tuple[Indices | None, dict[str, Values]]]
 ) -> dict[str, Values]:
     """Join parts, each with the indices of its rows (None: all), to columns of ``rows`` values."""
     values: dict[str, NDArray[Any]] = {}
-    valid: dict[str, NDArray[np.bool_]] = {}
+    valid: dict[str, Bools] = {}
     for which, part in parts:
         for name, (column, mask) in part.items():
             if name not in values:

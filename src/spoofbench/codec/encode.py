@@ -14,6 +14,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Indices, Ints, Octets
 from spoofbench.codec.channels import DELIMITED, FIXED32, FIXED64, VARINT
 from spoofbench.codec.records import LOG_TIME, MESSAGE, RECORD
 from spoofbench.errors import RecordingError
@@ -43,13 +44,11 @@ class MessageEncoder(Protocol):
     @property
     def channel_id(self) -> int: ...
     @property
-    def times_ns(self) -> NDArray[np.int64]: ...
+    def times_ns(self) -> Ints: ...
     @property
-    def sizes(self) -> NDArray[np.int64]: ...
+    def sizes(self) -> Ints: ...
 
-    def encode(
-        self, first: int, last: int, out: NDArray[np.uint8], starts: NDArray[np.int64]
-    ) -> None:
+    def encode(self, first: int, last: int, out: Octets, starts: Ints) -> None:
         """Write the records of the rows ``[first, last)`` to ``out``, each at its start."""
         ...
 
@@ -75,13 +74,11 @@ class TableEncoder:
         ]
 
     @cached_property
-    def sizes(self) -> NDArray[np.int64]:
+    def sizes(self) -> Ints:
         sizes = np.array([layout.template.size for layout in self._layouts], np.int64)
         return sizes[self._which] if sizes.size > 1 else np.repeat(sizes, self.times_ns.size)
 
-    def encode(
-        self, first: int, last: int, out: NDArray[np.uint8], starts: NDArray[np.int64]
-    ) -> None:
+    def encode(self, first: int, last: int, out: Octets, starts: Ints) -> None:
         """Write the records of the rows ``[first, last)`` to ``out``, each at its start."""
         if len(self._layouts) == 1:
             layout, size = self._layouts[0], self._layouts[0].template.size
@@ -96,7 +93,7 @@ class TableEncoder:
             self._fill(layout, rows + first, block)
             _scatter(out, starts[rows], block)
 
-    def _widths(self, name: str) -> NDArray[np.int64] | int:
+    def _widths(self, name: str) -> Ints | int:
         """Bytes that the value of a field takes in each row, -1 where absent; an int where all rows
         agree.
         """
@@ -106,9 +103,7 @@ class TableEncoder:
             table = np.array([len(value) for value in self._categories[name]] + [_ABSENT], np.int64)
             return np.asarray(table[values])
         valid = self._valid(name)
-        width: NDArray[np.int64] | int = (
-            1 if field.category in ("boolean", "enum") else values.dtype.itemsize
-        )
+        width: Ints | int = 1 if field.category in ("boolean", "enum") else values.dtype.itemsize
         if field.category == "enum" and np.any((values < 0) | (values > 0x7F)):
             limits = 1 << np.arange(7, 64, 7, dtype=np.uint64)
             numbers = values.astype(np.int64).view(np.uint64)
@@ -117,7 +112,7 @@ class TableEncoder:
             return int(width)
         return np.where(valid, width, _ABSENT)
 
-    def _valid(self, name: str) -> NDArray[np.bool_]:
+    def _valid(self, name: str) -> Bools:
         column = self._columns[name]
         if column.values.dtype.kind == "f":
             return np.asarray(~np.isnan(column.values))
@@ -146,9 +141,7 @@ class TableEncoder:
         )
         return _EncodeLayout(np.frombuffer(bytes(template), np.uint8), dtype)
 
-    def _fill(
-        self, layout: "_EncodeLayout", rows: slice | NDArray[np.intp], out: NDArray[np.uint8]
-    ) -> None:
+    def _fill(self, layout: "_EncodeLayout", rows: slice | Indices, out: Octets) -> None:
         out.reshape(-1, layout.template.size)[:] = layout.template
         records = out.view(layout.dtype)
         records["log_time"] = records["publish_time"] = self.times_ns[rows]
@@ -175,13 +168,13 @@ class TableEncoder:
 class _EncodeLayout:
     """A record with gaps, uint8 ``(size,)``, and the structured type of what belongs in them."""
 
-    template: NDArray[np.uint8]
+    template: Octets
     dtype: np.dtype[Any]
 
 
 def _distinct_widths(
-    widths: Sequence[NDArray[np.int64] | int], rows: int
-) -> tuple[NDArray[np.intp], list[tuple[int, ...]]]:
+    widths: Sequence[Ints | int], rows: int
+) -> tuple[Indices, list[tuple[int, ...]]]:
     """Number the distinct combinations of widths: the number of each row ``(n,)``, and the
     combinations.
     """
@@ -244,17 +237,13 @@ def _encode_categories(name: str, values: Sequence[str] | Sequence[bytes]) -> li
 class BytesEncoder:
     """Adds the record heads to messages that are encoded already."""
 
-    def __init__(
-        self, channel_id: int, times_ns: NDArray[np.int64], messages: Sequence[bytes]
-    ) -> None:
+    def __init__(self, channel_id: int, times_ns: Ints, messages: Sequence[bytes]) -> None:
         self.channel_id = channel_id
         self.times_ns = times_ns
         self._messages = messages
         self.sizes = np.array([MESSAGE.itemsize + len(message) for message in messages], np.int64)
 
-    def encode(
-        self, first: int, last: int, out: NDArray[np.uint8], starts: NDArray[np.int64]
-    ) -> None:
+    def encode(self, first: int, last: int, out: Octets, starts: Ints) -> None:
         """Write the records of the rows ``[first, last)`` to ``out``, each at its start."""
         head = np.zeros(last - first, MESSAGE)
         head["opcode"], head["channel"] = Opcode.MESSAGE, self.channel_id
@@ -266,14 +255,14 @@ class BytesEncoder:
             out[begin : begin + len(message)] = np.frombuffer(message, np.uint8)
 
 
-def _scatter(out: NDArray[np.uint8], starts: NDArray[np.int64], block: NDArray[np.uint8]) -> None:
+def _scatter(out: Octets, starts: Ints, block: Octets) -> None:
     """Copy equally long stretches of ``block`` to ``out``, one to each start."""
     size = block.size // starts.size
     window: NDArray[Any] = np.ndarray(out.size - size + 1, f"V{size}", out.data, strides=(1,))
     window[starts] = block.view(f"V{size}")
 
 
-def location_fixes(frame_id: str, table: Table) -> tuple[NDArray[np.int64], list[bytes]]:
+def location_fixes(frame_id: str, table: Table) -> tuple[Ints, list[bytes]]:
     """Return the view of a ``gnss/pvt`` table for maps: times and encoded ``foxglove.LocationFix``.
 
     There is one for each row with latitude and longitude. Altitude is on the ellipsoid, NaN where

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Ints
 from spoofbench.codec.channels import TopicChannel, topic_channels
 from spoofbench.codec.container import Limits
 from spoofbench.codec.decode import ChannelDecoder, Values, decode_categories, empty_categories
@@ -119,15 +120,15 @@ class _TableBuilder:
         self.categories = empty_categories(kind)
         self._rows = 0
         self._times = BytesIO()
-        self._positions: list[NDArray[np.int64]] = []
+        self._positions: list[Ints] = []
         self._values: dict[str, BytesIO] = {}
         self._valid: dict[str, BytesIO] = {}
 
     def add(
         self,
-        times_ns: NDArray[np.int64],
+        times_ns: Ints,
         values: dict[str, Values],
-        positions: NDArray[np.int64] | None = None,
+        positions: Ints | None = None,
     ) -> None:
         """Append rows; ``positions`` ``(n,)`` order them where the order of calls is not that of
         the file.

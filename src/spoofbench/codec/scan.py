@@ -18,8 +18,8 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, Footer, Metadata, Schema, Statistics
 from mcap.writer import MCAP0_MAGIC
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Ints, Octets
 from spoofbench.codec.container import (
     Chunk,
     ChunkContents,
@@ -61,7 +61,7 @@ class ChunkSection:
 class LooseSection:
     """Messages outside of chunks, between two chunks: where their records start, ``(n,)``."""
 
-    starts: NDArray[np.int64]
+    starts: Ints
     channels: frozenset[int]
 
 
@@ -87,7 +87,7 @@ class McapFile:
 
     path: Path
     limits: Limits
-    buffer: NDArray[np.uint8]
+    buffer: Octets
     records: list[tuple[int, int, int]] = field(default_factory=list)
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -130,15 +130,13 @@ class McapFile:
                 for _, future in pending:
                     future.cancel()
 
-    def times_ns(self, messages: MessageRecords) -> NDArray[np.int64]:
+    def times_ns(self, messages: MessageRecords) -> Ints:
         """Return the log times, ``(n,)``.
 
         Raises:
             FormatError: one is beyond the year 2262.
         """
-        times: NDArray[np.int64] = gather(messages.buffer, "<u8", messages.starts + LOG_TIME).view(
-            np.int64
-        )
+        times: Ints = gather(messages.buffer, "<u8", messages.starts + LOG_TIME).view(np.int64)
         if times.size and times.min() < 0:
             raise FormatError(
                 f"{self.name} holds a message that is stamped "
@@ -236,7 +234,7 @@ def scan(path: Path, limits: Limits) -> McapFile:
     return file
 
 
-def _visit(file: McapFile, starts: NDArray[np.int64]) -> None:
+def _visit(file: McapFile, starts: Ints) -> None:
     """Sort the file's records by what they are."""
     buffer, limits = file.buffer, file.limits
     is_message = buffer[starts] == Opcode.MESSAGE
@@ -271,7 +269,7 @@ def _visit(file: McapFile, starts: NDArray[np.int64]) -> None:
     _take_loose(file, loose, taken, buffer.size)
 
 
-def _take_loose(file: McapFile, loose: NDArray[np.int64], taken: int, before: int) -> int:
+def _take_loose(file: McapFile, loose: Ints, taken: int, before: int) -> int:
     """Make a section of the loose messages before an offset; return how many are taken."""
     last = int(np.searchsorted(loose, before))
     if last > taken:
@@ -295,7 +293,7 @@ def _visit_index(file: McapFile, start: int, length: int) -> None:
 def _check_summary(file: McapFile, footer_at: int) -> None:
     buffer = file.buffer
     if footer_at + _FOOTER_BYTES != buffer.size or buffer[footer_at] != Opcode.FOOTER:
-        raise FormatError(f"{file.name} is damaged: no footer stands before its end")
+        raise FormatError(f"{file.name} is damaged: it does not end with a footer")
     footer = parse(Footer, buffer, footer_at, file.name)
     if footer.summary_crc:
         begin = footer.summary_start or footer_at

@@ -36,6 +36,7 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from spoofbench import __version__
+from spoofbench.arrays import Ints, Octets
 from spoofbench.codec.channels import ENCODING, LOCATION_SUFFIX, descriptor_set
 from spoofbench.codec.encode import BytesEncoder, MessageEncoder, TableEncoder, location_fixes
 from spoofbench.codec.records import INDEX_ENTRY
@@ -55,8 +56,7 @@ def write(
 ) -> None:
     """Write a recording in strict order of time over its topics; the same rows give the same bytes.
 
-    Beside each topic of kind ``gnss/pvt`` stands a derived one for maps,
-    ``/<source>/location_fix``.
+    Each topic of kind ``gnss/pvt`` gets a derived one for maps, ``/<source>/location_fix``.
 
     Args:
         recording: what to write.
@@ -99,7 +99,7 @@ class Writer:
         self._channels: dict[str, Channel] = {}
         self._last_ns: dict[str, int] = {}
         self._metadata: dict[str, dict[str, str]] = {}
-        self._payload: list[NDArray[np.uint8]] = []
+        self._payload: list[Octets] = []
         self._filled = 0
         self._index: dict[int, list[NDArray[Any]]] = defaultdict(list)
         self._under_way: deque[Future[None]] = deque()
@@ -246,9 +246,7 @@ class Writer:
                 self._finish_chunk()
             first = last
 
-    def _take(
-        self, rows: MessageEncoder, first: int, out: NDArray[np.uint8], starts: NDArray[np.int64]
-    ) -> None:
+    def _take(self, rows: MessageEncoder, first: int, out: Octets, starts: Ints) -> None:
         last = first + starts.size
         rows.encode(first, last, out, starts)
         index = np.empty(starts.size, INDEX_ENTRY)
@@ -360,7 +358,7 @@ class _ChunkCompressor:
         self._compression, self._level = compression, level
         self._thread = threading.local()
 
-    def __call__(self, payload: NDArray[np.uint8]) -> tuple[int, Any]:
+    def __call__(self, payload: Octets) -> tuple[int, Any]:
         crc = zlib.crc32(payload.data)
         if self._compression == "none":
             return crc, payload
