@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header, MessageIndex, Metadata, Schema
 
-from spoofbench.codec import Limits, Writer, read, validate, write
+from spoofbench.codec import ReadLimits, Writer, read, validate, write
 from spoofbench.codec.channels import descriptor_set
 from spoofbench.errors import FormatError, LimitError, SpoofbenchError
 from spoofbench.recording import Recording
@@ -302,11 +302,11 @@ def test_limits_are_kept(small: tuple[Path, Recording]) -> None:
     path, recording = small
     rows = len(recording["/imu0/imu"])
     for limits in (
-        Limits(chunk_bytes=1000),
-        Limits(total_bytes=500_000),
-        Limits(messages=rows - 1),
-        Limits(records=3),
-        Limits(text_bytes=100),
+        ReadLimits(chunk_bytes=1000),
+        ReadLimits(total_bytes=500_000),
+        ReadLimits(messages=rows - 1),
+        ReadLimits(records=3),
+        ReadLimits(text_bytes=100),
     ):
         with pytest.raises(LimitError) as caught:
             dict(read(path, limits))
@@ -317,10 +317,10 @@ def test_limits_are_kept(small: tuple[Path, Recording]) -> None:
 
 def test_messages_are_limited_where_no_statistics_count_them(tmp_path: Path) -> None:
     path = mcap_file(tmp_path / "a.mcap", chunk(ROW * 10, 10 * len(ROW)))
-    assert len(read(path, Limits(messages=10))["/m/mag"]) == 10
+    assert len(read(path, ReadLimits(messages=10))["/m/mag"]) == 10
     for job in (lambda limits: dict(read(path, limits)), lambda limits: validate(path, limits)):
         with pytest.raises(LimitError):
-            job(Limits(messages=9))
+            job(ReadLimits(messages=9))
 
 
 def indexed(path: Path, index: MessageIndex) -> Path:
@@ -416,11 +416,11 @@ def test_records_within_chunks_and_channels_are_limited(tmp_path: Path) -> None:
     strange = (b"\x80" + bytes(8)) * 1000
     path = mcap_file(tmp_path / "strange.mcap", *[chunk(strange, len(strange))] * 3)
     with pytest.raises(LimitError, match="records where at most 2500 are allowed"):
-        read(path, Limits(records=2500))
+        read(path, ReadLimits(records=2500))
     channels = [replace(CHANNEL, id=number, topic=f"/m{number}/mag") for number in range(1, 20)]
     path = mcap_file(tmp_path / "many.mcap", definitions=(MAG, *channels))
     with pytest.raises(LimitError, match="19 channels where at most 10 are allowed"):
-        read(path, Limits(channels=10))
+        read(path, ReadLimits(channels=10))
 
 
 def test_a_full_disk_is_one_sentence_and_leaves_nothing(tmp_path: Path) -> None:

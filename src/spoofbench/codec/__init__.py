@@ -9,9 +9,9 @@ A file is read by ``container`` (records and chunks), ``scan`` (what a file hold
 (columns to messages) and ``writer``.
 """
 
-from spoofbench.codec.container import Limits
+from spoofbench.codec.container import ReadLimits
 from spoofbench.codec.reader import read
 from spoofbench.codec.validation import validate
 from spoofbench.codec.writer import Compression, Writer, write
 
-__all__ = ["Compression", "Limits", "Writer", "read", "validate", "write"]
+__all__ = ["Compression", "ReadLimits", "Writer", "read", "validate", "write"]

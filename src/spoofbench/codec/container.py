@@ -41,7 +41,7 @@ _thread = threading.local()
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class ReadLimits:
     """What a file may ask for; asking for more is a :class:`~spoofbench.errors.LimitError`.
 
     Attributes:
@@ -154,7 +154,7 @@ def chunk_at(buffer: Octets, offset: int, end: int) -> Chunk:
     return Chunk(offset, start_ns, end_ns, size, crc, name, slice(data, data + data_length))
 
 
-def checked_chunk_at(buffer: Octets, offset: int, limits: Limits) -> Chunk:
+def checked_chunk_at(buffer: Octets, offset: int, limits: ReadLimits) -> Chunk:
     """Return the chunk record at an offset.
 
     Raises:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spoofbench.arrays import Ints
 from spoofbench.codec.channels import TopicChannel, topic_channels
-from spoofbench.codec.container import Limits
+from spoofbench.codec.container import ReadLimits
 from spoofbench.codec.decode import ChannelDecoder, Values, decode_categories, empty_categories
 from spoofbench.codec.scan import McapFile, scan
 from spoofbench.errors import FormatError, RecordingError
@@ -20,7 +20,7 @@ from spoofbench.schema import Field, Kind
 from spoofbench.table import Column, Table
 
 
-def read(path: Path, limits: Limits = Limits()) -> Recording:  # noqa: B008
+def read(path: Path, limits: ReadLimits = ReadLimits()) -> Recording:  # noqa: B008
     """Open a recording; a topic's rows are read when it is first used, which checks their
     checksums.
 

@@ -23,8 +23,8 @@ from spoofbench.arrays import Ints, Octets
 from spoofbench.codec.container import (
     Chunk,
     ChunkContents,
-    Limits,
     MessageRecords,
+    ReadLimits,
     checked_chunk_at,
     chunk_contents,
     map_file,
@@ -86,7 +86,7 @@ class McapFile:
     """
 
     path: Path
-    limits: Limits
+    limits: ReadLimits
     buffer: Octets
     records: list[tuple[int, int, int]] = field(default_factory=list)
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -192,7 +192,7 @@ class McapFile:
             )
 
 
-def scan(path: Path, limits: Limits) -> McapFile:
+def scan(path: Path, limits: ReadLimits) -> McapFile:
     """Find out what a file holds; chunks are unpacked only where no index tells their channels.
 
     A file that was cut off gives its complete records, with the fact under ``damage``.

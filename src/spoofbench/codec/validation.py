@@ -21,7 +21,7 @@ from mcap.records import (
 )
 
 from spoofbench.codec.channels import topic_channels
-from spoofbench.codec.container import ChunkContents, Limits, MessageRecords, parse
+from spoofbench.codec.container import ChunkContents, MessageRecords, ReadLimits, parse
 from spoofbench.codec.decode import ChannelDecoder, decode_categories, empty_categories
 from spoofbench.codec.records import INDEX_ENTRY, RECORD
 from spoofbench.codec.scan import ChunkSection, LooseSection, McapFile, scan
@@ -49,7 +49,7 @@ _SUMMARY = {
 _PRIVATE = 0x80
 
 
-def validate(path: Path, limits: Limits = Limits()) -> None:  # noqa: B008
+def validate(path: Path, limits: ReadLimits = ReadLimits()) -> None:  # noqa: B008
     """Check a whole file: magic, record structure, checksums, indexes, statistics, and that every
     row of ours decodes.
 
