@@ -3,7 +3,6 @@
 Angles of the sky are in degrees; everything else is SI.
 """
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -11,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from spoofbench import config
+from spoofbench.arrays import Floats
 from spoofbench.errors import SpoofbenchError
 
 GRAVITY_MPS2 = 9.80665
@@ -23,26 +23,26 @@ class ScenarioError(SpoofbenchError):
     """A scenario of an integrity evaluation is incomplete or invalid."""
 
 
-_LARGEST = 1e9
-_MOST_EPOCHS, _MOST_WARM_UP_EPOCHS = 100_000, 1_000_000
-_LEAST_TIME_CONSTANT = 0.01
+_MAX_VALUE = 1e9
+_MAX_EPOCHS, _MAX_WARM_UP_EPOCHS = 100_000, 1_000_000
+_MIN_TIME_CONSTANT = 0.01
 """In intervals between epochs; the exponential of shorter ones overflows."""
-_LEAST_UNLIKE = 1e-3
-"""By how much sines of elevations differ at least: the altitude cannot be told else."""
+_MIN_SPREAD = 1e-3
+"""By how much sines of elevations must differ: without it the altitude is not observable."""
 
 
 def _check(of: Any, above_0: Sequence[str] = ()) -> None:
-    """Refuse numbers of a dataclass that are negative or not finite or beyond all bounds, and zeros
-    where they make no sense.
+    """Refuse numbers of a dataclass that are negative, not finite or too large, and zeros among
+    those that must be above 0.
     """
     for field in fields(of):
         value = getattr(of, field.name)
         if field.type is float and not (
-            0 <= value <= _LARGEST and (value or field.name not in above_0)
+            0 <= value <= _MAX_VALUE and (value or field.name not in above_0)
         ):
-            least = "above 0" if field.name in above_0 else "0 or more"
+            minimum = "above 0" if field.name in above_0 else "0 or more"
             raise ScenarioError(
-                f"{field.name} must be {least} and at most {_LARGEST:g}, not {value!r}"
+                f"{field.name} must be {minimum} and at most {_MAX_VALUE:g}, not {value!r}"
             )
 
 
@@ -135,8 +135,6 @@ class Scenario:
     false_alert_probability: float = 1e-6
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise ScenarioError(f"name must be text, not {self.name!r}")
         _check(self, above_0=("rate_hz", "period_s", "alert_limit_m", "false_alert_probability"))
         if self.false_alert_probability >= 1:
             raise ScenarioError(
@@ -144,16 +142,16 @@ class Scenario:
                 f"{self.false_alert_probability!r}"
             )
         self._check_satellites()
-        for name, most in (("period_s", _MOST_EPOCHS), ("warm_up_s", _MOST_WARM_UP_EPOCHS)):
-            if getattr(self, name) * self.rate_hz > most:
+        for name, limit in (("period_s", _MAX_EPOCHS), ("warm_up_s", _MAX_WARM_UP_EPOCHS)):
+            if getattr(self, name) * self.rate_hz > limit:
                 raise ScenarioError(
-                    f"{name} must be at most {most} epochs of the scenario {self.name!r}, not "
+                    f"{name} must be at most {limit} epochs of the scenario {self.name!r}, not "
                     f"{getattr(self, name)!r} s"
                 )
         for part in (self.imu, self.gnss):
             for name in (field.name for field in fields(part) if field.name.endswith("_s")):
-                if getattr(part, name) * self.rate_hz < _LEAST_TIME_CONSTANT:
-                    shortest = _LEAST_TIME_CONSTANT / self.rate_hz
+                if getattr(part, name) * self.rate_hz < _MIN_TIME_CONSTANT:
+                    shortest = _MIN_TIME_CONSTANT / self.rate_hz
                     raise ScenarioError(
                         f"{name} must be at least {shortest:g} s at {self.rate_hz!r} Hz, not "
                         f"{getattr(part, name)!r}"
@@ -173,17 +171,15 @@ class Scenario:
                 )
         if (
             np.ptp(np.sin(np.radians([elevation for _, elevation in self.satellites_deg])))
-            < _LEAST_UNLIKE
+            < _MIN_SPREAD
         ):
             raise ScenarioError(
                 f"the satellites of {self.name!r} are all at one elevation; differences between "
                 "them do not tell the altitude"
             )
-        if self.reference is not None and (
-            not isinstance(self.reference, int) or not 0 <= self.reference < count
-        ):
+        if self.reference is not None and not 0 <= self.reference < count:
             raise ScenarioError(
-                f"reference must be the place of a satellite, 0 to {count - 1}, not "
+                f"reference must be the index of a satellite, 0 to {count - 1}, not "
                 f"{self.reference!r}"
             )
 
@@ -201,7 +197,7 @@ class Scenario:
         return float(stats.chi2.isf(self.false_alert_probability, epochs * self.measurements))
 
     @cached_property
-    def lines_of_sight(self) -> NDArray[np.float64]:
+    def lines_of_sight(self) -> Floats:
         """Unit vectors to the satellites, NED, ``(m, 3)``, the reference satellite first."""
         azimuth, elevation = np.radians(np.asarray(self.satellites_deg)).T
         reference = int(np.argmax(elevation)) if self.reference is None else self.reference
@@ -226,50 +222,9 @@ def load_scenario(path: Path) -> Scenario:
     and ``initial``.
 
     Raises:
-        ScenarioError: the file cannot be read, or a key is unknown, missing or of the wrong type.
+        ScenarioError: the file cannot be read, a key is unknown or missing, or a value is invalid.
     """
-    try:
-        content = tomllib.loads(path.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ScenarioError(f"the scenario {path.name!r} cannot be read: {error}") from error
-    parts = {"imu": ImuErrors, "gnss": GnssErrors, "initial": InitialErrors}
-    for name, kind in parts.items():
-        if name in content:
-            content[name] = _made(kind, content[name], f"[{name}] of {path.name!r}")
-    satellites = content.get("satellites_deg")
-    if satellites is not None:
-        if not isinstance(satellites, list) or not all(_is_pair(pair) for pair in satellites):
-            raise ScenarioError(
-                f"satellites_deg of {path.name!r} must be a list of [azimuth, elevation]"
-            )
-        content["satellites_deg"] = tuple((azimuth, elevation) for azimuth, elevation in satellites)
-    scenario: Scenario = _made(Scenario, {"name": path.stem, **content}, repr(path.name))
-    return scenario
-
-
-def _is_pair(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 2 and all(_is_number(angle) for angle in value)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _made(kind: type[Any], values: Any, where: str) -> Any:
-    known = {field.name for field in fields(kind)}
-    if not isinstance(values, dict):
-        raise ScenarioError(f"{where} must be a table")
-    if unknown := sorted(values.keys() - known):
-        raise ScenarioError(
-            f"{where} has an unknown key {unknown[0]!r}; the keys are {sorted(known)}"
-        )
-    texts = {"name", "satellites_deg", "imu", "gnss", "initial"}
-    for name, value in values.items():
-        if name not in texts and not _is_number(value):
-            raise ScenarioError(f"{name!r} in {where} must be a number, not {value!r}")
-    try:
-        return kind(**values)
-    except TypeError as error:
-        raise ScenarioError(
-            f"{where} is incomplete: {str(error).partition('missing ')[2] or error}"
-        ) from error
+    table = config.read_toml(path, f"the scenario {path.name!r}", ScenarioError)
+    return config.read(
+        Scenario, {"name": path.stem, **table}, f"scenario {path.name!r}", error=ScenarioError
+    )
