@@ -63,8 +63,10 @@ def test_a_command_takes_its_words(site: Path) -> None:
     [
         (
             "broken",
-            "command 'broken' of spoofbench-broken 1 cannot be loaded from 'fake_broken:greet': "
-            "RuntimeError: the disk is on fire",
+            (
+                "command 'broken' of spoofbench-broken 1 cannot be loaded from "
+                "'fake_broken:greet': RuntimeError: the disk is on fire"
+            ),
         ),
         ("number", "command 'number' of spoofbench-sound 1 is not a function"),
     ],

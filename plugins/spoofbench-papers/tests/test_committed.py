@@ -3,17 +3,18 @@ cells that stand in them.
 """
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from spoofbench_papers.reproduction import Cell, Reproduced, as_markdown, reproduce_paper, tally
+from spoofbench_papers.reproduction import Cell, Reproduced, as_markdown, tally
 
 PAGES = Path(__file__).parents[3] / "benchmarks" / "reproductions"
 
 
 @pytest.mark.parametrize("paper", ["tanil2018", "kujur", "lo2017", "borio"])
-def test_short_form(paper: str, tmp_path: Path) -> None:
-    page, found = reproduce_paper(paper, tmp_path / paper, None, True, lambda share: None)
+def test_short_form(paper: str, short_form: Callable[[str], tuple[Path, Reproduced]]) -> None:
+    folder, found = short_form(paper)
     committed = {
         (cell["item"], cell["printed"])
         for cell in json.loads((PAGES / paper / "verdicts.json").read_text())
@@ -23,7 +24,7 @@ def test_short_form(paper: str, tmp_path: Path) -> None:
     assert len(made) == len(found.cells)
     text = (PAGES / paper / "README.md").read_text()
     assert all(f"**{item}**".replace("|", "\\|") in text for item, _ in made)
-    assert page.read_text().count("<tr>") == len(found.cells) + 1
+    assert (folder / "index.html").read_text().count("<tr>") == len(found.cells) + 1
     for picture in found.pictures:
         assert (PAGES / paper / f"{picture.name}.png").stat().st_size > 2000
 

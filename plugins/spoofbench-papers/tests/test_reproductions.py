@@ -1,22 +1,18 @@
 """The reproductions in their short form: what is deterministic agrees with the papers' checks."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from spoofbench_papers import kujur, tanil2018
-from spoofbench_papers.reproduction import Reproduced, write_pages
+from spoofbench_papers import kujur
+from spoofbench_papers.reproduction import Reproduced
 
 
-def _nothing(share: float) -> None:
-    assert 0 <= share <= 1
-
-
-@pytest.fixture(scope="module")
-def tanil(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reproduced]:
-    out = tmp_path_factory.mktemp("tanil2018")
-    return out, tanil2018.reproduce(out, None, True, _nothing)
+@pytest.fixture
+def tanil(short_form: Callable[[str], tuple[Path, Reproduced]]) -> tuple[Path, Reproduced]:
+    return short_form("tanil2018")
 
 
 def test_tanil_verdicts(tanil: tuple[Path, Reproduced]) -> None:
@@ -55,7 +51,7 @@ def test_tanil_tables(tanil: tuple[Path, Reproduced]) -> None:
 
 def test_pages(tanil: tuple[Path, Reproduced]) -> None:
     out, found = tanil
-    page = write_pages(out, tanil2018, found).read_text()
+    page = (out / "index.html").read_text()
     cells = json.loads((out / "verdicts.json").read_text())
     assert [set(cell) for cell in cells] == [
         {"item", "printed", "ours", "lo", "hi", "verdict", "reason"}
@@ -68,9 +64,9 @@ def test_pages(tanil: tuple[Path, Reproduced]) -> None:
     assert "http" not in page
 
 
-def test_kujur(tmp_path: Path) -> None:
-    found = kujur.reproduce(tmp_path, None, True, _nothing)
-    rows = pq.read_table(tmp_path / "sensitivity.parquet").to_pylist()
+def test_kujur(short_form: Callable[[str], tuple[Path, Reproduced]]) -> None:
+    out, found = short_form("kujur")
+    rows = pq.read_table(out / "sensitivity.parquet").to_pylist()
     assert len(rows) == 12 * 2 * 2
     for row in rows:
         size = abs(row["change_pct"])

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Floats
 from spoofbench_papers.figures import new_figure, save_figure, save_table
 from spoofbench_papers.integrity import (
     LinearModel,
@@ -19,8 +19,7 @@ from spoofbench_papers.integrity import (
     published,
     worst_fault,
 )
-from spoofbench_papers.integrity.filtering import covariances
-from spoofbench_papers.integrity.mismatch import Expected, expected_statistic
+from spoofbench_papers.integrity.filtering import Expected, covariances, expected_statistic
 from spoofbench_papers.reproduction import Cell, Picture, Progress, Reproduced
 
 TITLE = "Kujur et al.: sensitivity of innovation monitors to uncertainty in error modelling"
@@ -161,7 +160,7 @@ def _changes(
 
 
 def _simulated(
-    truth: LinearModel, scenario: Scenario, parameter: str, fault: NDArray[np.float64], runs: int
+    truth: LinearModel, scenario: Scenario, parameter: str, fault: Floats, runs: int
 ) -> list[dict[str, Any]]:
     """Change of q from random runs, right and wrong filter on the same random numbers, with its 95
     % interval.
@@ -190,8 +189,8 @@ def _simulated(
 
 
 def random_statistics(
-    truth: LinearModel, belief: LinearModel, warm_up: int, fault: NDArray[np.float64], runs: int
-) -> NDArray[np.float64]:
+    truth: LinearModel, belief: LinearModel, warm_up: int, fault: Floats, runs: int
+) -> Floats:
     """Return the cumulative statistic of random runs, ``(runs,)``; equal arguments but the belief
     share their random numbers.
     """
@@ -219,7 +218,7 @@ def random_statistics(
     return statistic
 
 
-def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def _root(covariance: Floats) -> Floats:
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0)))
 
@@ -318,7 +317,7 @@ def _bars(out: Path, rows: list[dict[str, Any]], simulated: list[dict[str, Any]]
         save_figure(figure, out / name)
 
 
-def _example(out: Path, scenario: Scenario, truth: LinearModel, fault: NDArray[np.float64]) -> None:
+def _example(out: Path, scenario: Scenario, truth: LinearModel, fault: Floats) -> None:
     """Draw E[q_k] / T_k^2 over the attack for the right model and for a carrier noise taken twice
     too large.
     """

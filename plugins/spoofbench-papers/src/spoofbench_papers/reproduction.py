@@ -13,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
+from spoofbench.config import did_you_mean
 from spoofbench.errors import SpoofbenchError
 from spoofbench.results import write_whole
 from spoofbench_papers.figures import make_folder
@@ -105,7 +106,7 @@ def find_paper(name: str) -> Reproduction:
         ReproductionError: there is no such paper; names those there are.
     """
     if name not in PAPERS:
-        raise ReproductionError(f"no paper is called {name!r}; there are {sorted(PAPERS)}")
+        raise ReproductionError(f"no paper is called {name!r}{did_you_mean(name, PAPERS)}")
     module: Any = import_module(PAPERS[name])
     reproduction: Reproduction = module
     return reproduction

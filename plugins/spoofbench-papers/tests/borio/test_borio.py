@@ -17,8 +17,9 @@ from spoofbench.recording import Recording
 from spoofbench.table import Table
 
 SECOND = 1_000_000_000
+SEMI_MAJOR_M, ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3  # WGS 84
 START = 1_700_000_000 * SECOND
-LOG = recordings.Log("made", (), "made", "made")
+LOG = recordings.FieldLog("made", (), "made", "made")
 
 
 def drive(seconds: int, seed: int, lag_s: float = 0.0) -> Recording:
@@ -50,8 +51,8 @@ def drive(seconds: int, seed: int, lag_s: float = 0.0) -> Recording:
     )
 
 
-def session(seed: int, seconds: int = 480) -> recordings.Session:
-    return recordings.Session(LOG, drive(seconds, seed), "the receiver's", "IMU", 0.0, 60)
+def session(seed: int, seconds: int = 480) -> recordings.FieldSession:
+    return recordings.FieldSession(LOG, drive(seconds, seed), "the receiver's", "IMU", 0.0, 60)
 
 
 @settings(max_examples=30)
@@ -64,7 +65,7 @@ def test_positions_give_the_velocity_between_them(
     """
     steps = np.arange(30)
     lat = np.radians(lat_deg)
-    normal = recordings.SEMI_MAJOR_M / np.sqrt(1 - recordings.ECCENTRICITY_2 * np.sin(lat) ** 2)
+    normal = SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY_2 * np.sin(lat) ** 2)
     north, east = (
         speed_mps * np.cos(np.radians(course_deg)),
         speed_mps * np.sin(np.radians(course_deg)),
@@ -86,10 +87,8 @@ def test_positions_give_the_velocity_between_them(
 
 def _meridian_radius(lat: float) -> float:
     def point(angle: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        normal = recordings.SEMI_MAJOR_M / np.sqrt(
-            1 - recordings.ECCENTRICITY_2 * np.sin(angle) ** 2
-        )
-        return normal * np.array([np.cos(angle), (1 - recordings.ECCENTRICITY_2) * np.sin(angle)])
+        normal = SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY_2 * np.sin(angle) ** 2)
+        return normal * np.array([np.cos(angle), (1 - ECCENTRICITY_2) * np.sin(angle)])
 
     return float(np.linalg.norm(point(lat + 5e-5) - point(lat - 5e-5)) / 1e-4)
 
@@ -147,7 +146,9 @@ def test_preparing_takes_the_lag_out() -> None:
 def test_attacked_stretches_have_the_imu_of_now_and_gnss_of_then() -> None:
     victim, donor = (
         session(1),
-        recordings.Session(recordings.Log("run", (), "made", ""), drive(480, 2), "", "", 0.0, 60),
+        recordings.FieldSession(
+            recordings.FieldLog("run", (), "made", ""), drive(480, 2), "", "", 0.0, 60
+        ),
     )
     found = dict(statistics.cases(victim, [victim, donor]))
     assert list(found) == [
@@ -232,7 +233,7 @@ def test_a_parked_car_is_parked_and_its_gyroscope_at_rest() -> None:
         time_ns[49::50],
         {"vel_n_mps": north, "vel_e_mps": np.zeros(400), "vel_d_mps": np.zeros(400)},
     )
-    found = recordings.Session(
+    found = recordings.FieldSession(
         LOG,
         Recording({"/imu0/imu": Table("imu", time_ns, columns), "/gnss0/gnss/pvt": pvt}),
         "",

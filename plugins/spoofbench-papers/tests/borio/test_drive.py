@@ -1,7 +1,7 @@
 """The 43-minute drive: what the reproduction of Borio says of it, genuine and replayed."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +17,11 @@ FOUR = ("M_acc", "M_ag", "H_acc", "H_ag")
 
 @pytest.fixture(scope="module")
 def reproduced(
-    tmp_path_factory: pytest.TempPathFactory, converted_drive: Path
+    short_form: Callable[[str], tuple[Path, Reproduced]], converted_drive: Path
 ) -> tuple[Path, Reproduced]:
     """The short form, which is the drive alone; ``converted_drive`` skips where there is none."""
     assert converted_drive.exists()
-    out = tmp_path_factory.mktemp("borio")
-    shares: list[float] = []
-    found = borio.reproduce(out, None, True, shares.append)
-    assert shares == sorted(shares)
-    return out, found
+    return short_form("borio")
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,7 @@ the monitor.
 import numpy as np
 import pytest
 from spoofbench_papers.integrity import ALTITUDE, Run, Scenario, worst_fault
-from spoofbench_papers.integrity.aircraft import altitude_autopilot, boeing_747
-from spoofbench_papers.integrity.closed_loop import respond
+from spoofbench_papers.integrity.closed_loop import altitude_autopilot, boeing_747, respond
 from spoofbench_papers.integrity.filtering import covariances
 
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from spoofbench_papers.integrity import Run, Scenario, linear_model, published, worst_fault
-from spoofbench_papers.integrity.filtering import covariances
-from spoofbench_papers.integrity.mismatch import expected_statistic
+from spoofbench_papers.integrity.filtering import covariances, expected_statistic
 
 RUNS = 4000
 

@@ -15,7 +15,8 @@ from spoofbench_papers.integrity import (
     worst_fault,
 )
 from spoofbench_papers.integrity.filtering import covariances
-from spoofbench_papers.integrity.model import Array
+
+from spoofbench.arrays import Floats
 
 
 @pytest.mark.parametrize("first", [1, 2, 21, 61])
@@ -85,7 +86,7 @@ def test_worst_fault_is_the_linear_map_of_its_measurements(quick: tuple[Scenario
     np.testing.assert_allclose(again.error[:, ALTITUDE], worst.error[:, ALTITUDE], atol=1e-9)
 
 
-def matrices(run: Run) -> tuple[Array, Array, Array]:
+def matrices(run: Run) -> tuple[Floats, Floats, Floats]:
     """By the paper's own equations (Tanil et al. 2018, Eqs 49-53), slow and large: return T A (1, k
     n), B (k n, k n) and S (k n, k n).
     """
@@ -105,7 +106,7 @@ def matrices(run: Run) -> tuple[Array, Array, Array]:
     return gains[ALTITUDE : ALTITUDE + 1], np.vstack(rows), block_diag(*run.innovation)
 
 
-def worst_direction(run: Run, first: int) -> tuple[Array, float]:
+def worst_direction(run: Run, first: int) -> tuple[Floats, float]:
     """Return f (k, n) of Eq (59), or of Eq (75) with its inverse where it belongs, and rho^2 of Eq
     (54) for it.
     """

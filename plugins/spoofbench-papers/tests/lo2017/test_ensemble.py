@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spoofbench_acceleration import statistics as s
-from spoofbench_papers.lo2017 import ensemble, printed
+from spoofbench_papers.lo2017 import ensemble, tables
 from spoofbench_papers.lo2017.approach import APPROACHES, AVERAGING_S, CHOSEN, RATE_HZ, averaged
 
 Array = np.ndarray[Any, Any]
@@ -111,7 +111,7 @@ def test_the_printed_minima_come_out() -> None:
         assert ensemble.first_detection_s(alone.alerts("multi")).item() == pytest.approx(0.7)
     percentages = {  # approach and time: percentage
         (place, time): case.detection_pct[monitor][place]
-        for case in printed.CASES
+        for case in tables.CASES
         for monitor in ("simple", "multi")
         for place, time in enumerate(case.ttfd_s[monitor])
         if case.name == "extrapolate 2 s" and time in (0.4, 0.7)

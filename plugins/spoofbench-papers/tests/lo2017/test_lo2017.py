@@ -1,6 +1,7 @@
 """The reproduction in its short form: its files, its verdicts and what Table 2 must show."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
-from spoofbench_papers import lo2017
 from spoofbench_papers.lo2017 import cells as printed_cells
 from spoofbench_papers.lo2017 import checks, recordings
 from spoofbench_papers.lo2017.approach import APPROACHES, fly
-from spoofbench_papers.lo2017.printed import CASES
-from spoofbench_papers.lo2017.tables import MONITORS, STRIDES, convention, outcomes
-from spoofbench_papers.reproduction import Reproduced, write_pages
+from spoofbench_papers.lo2017.tables import CASES, MONITORS, STRIDES, convention, outcomes
+from spoofbench_papers.reproduction import Reproduced
 
 from spoofbench.recording import Recording
 from spoofbench.table import Table
@@ -23,16 +22,13 @@ from spoofbench.table import Table
 SEEDS = range(60)
 
 
-@pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reproduced]:
-    out = tmp_path_factory.mktemp("lo2017")
-    found = lo2017.reproduce(out, None, True, lambda share: None)
-    write_pages(out, lo2017, found)
-    return out, found
+@pytest.fixture
+def written(short_form: Callable[[str], tuple[Path, Reproduced]]) -> tuple[Path, Reproduced]:
+    return short_form("lo2017")
 
 
 @pytest.fixture(scope="module")
-def found() -> printed_cells.Found:
+def found() -> printed_cells.Outcomes:
     return printed_cells.by_key(
         [outcome for a in APPROACHES for outcome in outcomes(a, fly(a, SEEDS), (1, 3))]
     )
@@ -77,7 +73,9 @@ def test_absent_logs_are_named(written: tuple[Path, Reproduced]) -> None:
 
 
 FAILS = {
-    "multi: repeat 0.5 s, %": "approach 1 stays below 10 %, unless its motion is quicker than chosen"
+    "multi: repeat 0.5 s, %": (
+        "approach 1 stays below 10 %, unless its motion is quicker than chosen"
+    )
 }
 ITEMS = [*checks.printed_checks(), "nominal with lost epochs gated, %"]
 
@@ -89,7 +87,7 @@ ITEMS = [*checks.printed_checks(), "nominal with lost epochs gated, %"]
         for i in ITEMS
     ],
 )
-def test_table_2_as_a_whole(item: str, found: printed_cells.Found) -> None:
+def test_table_2_as_a_whole(item: str, found: printed_cells.Outcomes) -> None:
     check = next(
         check
         for check in checks.simulated_checks(found, printed_cells.JUDGED)
@@ -98,12 +96,12 @@ def test_table_2_as_a_whole(item: str, found: printed_cells.Found) -> None:
     assert check.holds, f"{item}: {check}"
 
 
-def test_consecutive_samples_cannot_give_the_table(found: printed_cells.Found) -> None:
+def test_consecutive_samples_cannot_give_the_table(found: printed_cells.Outcomes) -> None:
     assert checks.mean_absolute_difference(found, convention(1)) > 15
     assert checks.mean_absolute_difference(found, convention(3)) <= checks.WANTED_POINTS
 
 
-def test_later_samples_detect_more_of_the_repeat_back(found: printed_cells.Found) -> None:
+def test_later_samples_detect_more_of_the_repeat_back(found: printed_cells.Outcomes) -> None:
     for approach in APPROACHES:
         wide, narrow = (
             found["repeat 2 s", approach.number, "multi", convention(stride)].median_pct
@@ -113,7 +111,7 @@ def test_later_samples_detect_more_of_the_repeat_back(found: printed_cells.Found
 
 
 def test_the_multi_condition_monitor_alerts_wherever_the_simple_one_does(
-    found: printed_cells.Found,
+    found: printed_cells.Outcomes,
 ) -> None:
     for (case, approach, monitor, way), outcome in found.items():
         if monitor == MONITORS[0]:

@@ -2,13 +2,12 @@
 there.
 """
 
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from spoofbench_papers.borio import pictures
-from spoofbench_papers.borio.cells import cells
-from spoofbench_papers.borio.findings import Findings
-from spoofbench_papers.borio.recordings import Session, sessions
+from spoofbench_papers.borio.cells import Findings, cells
+from spoofbench_papers.borio.discussion import discussion_cells
+from spoofbench_papers.borio.recordings import FieldSession, sessions
 from spoofbench_papers.borio.standstill import at_rest, contradictions
 from spoofbench_papers.borio.statistics import (
     Row,
@@ -20,7 +19,7 @@ from spoofbench_papers.borio.statistics import (
     transfer,
 )
 from spoofbench_papers.figures import save_table
-from spoofbench_papers.reproduction import Picture, Progress, Reproduced
+from spoofbench_papers.reproduction import Progress, Reproduced
 
 TITLE = "Borio: GNSS/INS verification by correlation, in kind"
 PAPER = (
@@ -103,16 +102,19 @@ def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> 
             out / f"{name}.parquet",
         )
     findings = Findings(by_name, values, tables)
-    drawn = list(_drawn(out, findings))
     alone = (
         []
         if len(found) > 1
         else ["The logs of other vehicles are not there: what needs them is left out."]
     )
-    return Reproduced(cells(findings), drawn, [*NOTES, *left_out, *alone])
+    return Reproduced(
+        [*cells(findings), *discussion_cells(findings)],
+        pictures.draw(out, findings),
+        [*NOTES, *left_out, *alone],
+    )
 
 
-def _described(session: Session) -> Row:
+def _described(session: FieldSession) -> Row:
     return {
         "recording": session.name,
         "about": session.log.about,
@@ -123,63 +125,3 @@ def _described(session: Session) -> Row:
         "window_s": session.window_s,
         "duration_s": session.recording.span.duration_s,
     }
-
-
-def _drawn(out: Path, findings: Findings) -> Iterator[Picture]:
-    for name, figure in (("drive", "Fig 7"), ("phone-car", "Fig 10"), ("iphone-3", "Fig 14")):
-        if name in findings.sessions:
-            session = findings.sessions[name]
-            pictures.time_series(out / f"series-{name}", session)
-            yield Picture(
-                f"series-{name}",
-                (
-                    f"As {figure}, {name} ({session.log.about}): horizontal acceleration and yaw "
-                    "rate, IMU and GNSS"
-                ),
-            )
-    for name, figure in (("drive", "Fig 8"), ("phone-car", "Figs 11 and 13")):
-        if name in findings.sessions:
-            pictures.statistics(out / f"statistics-{name}", findings.values, [(name, "genuine")])
-            yield Picture(
-                f"statistics-{name}",
-                f"As {figure}, {name}, genuine: the four statistics over {_window(findings, name)}",
-            )
-    meaconed = [
-        key for key in _meaconed(findings) if key[0] in ("drive", "boston", "iphone-2", "zed-f9r-a")
-    ]
-    if meaconed:
-        pictures.statistics(out / "statistics-meaconing", findings.values, meaconed[:4])
-        yield Picture(
-            "statistics-meaconing",
-            "As Figs 9 and 12: GNSS of another run; for the drive, of another car",
-        )
-    if findings.long:
-        pictures.delays(out / "delays", findings.tables["statistics"], findings.long)
-        yield Picture(
-            "delays", "Share of epochs with H below 0.7, by delay of the replay; 0 is genuine"
-        )
-    if len(findings.long) > 1:
-        pictures.transfer(out / "transfer", findings.tables["transfer"], findings.long)
-        yield Picture(
-            "transfer",
-            (
-                "Thresholds on H fitted to one recording (rows: 1 % of genuine epochs below) and "
-                "used on another (columns)"
-            ),
-        )
-        pictures.dynamics(out / "dynamics", findings.tables["dynamics"])
-        yield Picture(
-            "dynamics", "Genuine medians by quintile of dynamics: steady cruise is on the left"
-        )
-
-
-def _window(findings: Findings, name: str) -> str:
-    return f"{findings.sessions[name].window_s:g} s"
-
-
-def _meaconed(findings: Findings) -> Sequence[tuple[str, str]]:
-    pairs = dict.fromkeys(
-        (name, case) for name, case, _ in findings.values if case.startswith("meacon")
-    )
-    first = {name: (name, case) for name, case in reversed(pairs)}
-    return [first[name] for name in findings.sessions if name in first]

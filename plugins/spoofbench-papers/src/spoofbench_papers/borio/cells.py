@@ -1,22 +1,93 @@
-"""What Borio says of his figures (Section IV), beside ours."""
+"""What Borio says of his figures (Section IV), beside what the sessions gave."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from spoofbench_papers.borio import discussion
-from spoofbench_papers.borio.findings import DRIVE, Findings, together
+from spoofbench.arrays import Floats
+from spoofbench_papers.borio.recordings import WINDOWS_S, FieldSession
 from spoofbench_papers.borio.standstill import parked
 from spoofbench_papers.borio.statistics import (
     FALSE_ALERTS,
     FOUR,
     QUINTILES,
     THRESHOLD,
+    Row,
     Series,
+    Values,
     below,
     bootstrap,
+    unrelated,
 )
 from spoofbench_papers.reproduction import Cell
+
+DRIVE = "drive"
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """Sessions by name, the values of each statistic, and the tables that are written."""
+
+    sessions: Mapping[str, FieldSession]
+    values: Values
+    tables: Mapping[str, Sequence[Row]]
+
+    def row(self, table: str, **wanted: Any) -> Row:
+        """Return the one row of a table that has these values."""
+        return next(
+            row
+            for row in self.tables[table]
+            if all(row[key] == value for key, value in wanted.items())
+        )
+
+    def median(self, name: str, statistic: str) -> float:
+        """Genuine median of a statistic that is available."""
+        return float(np.median(self.values[name, "genuine", statistic].value))
+
+    @property
+    def long(self) -> list[str]:
+        """Sessions whose window is the paper's."""
+        return [
+            name
+            for name, session in self.sessions.items()
+            if session.inertial and session.window_s == WINDOWS_S[0]
+        ]
+
+    @property
+    def telling(self) -> list[str]:
+        """Those of them whose genuine medians all exceed the paper's threshold: elsewhere a low
+        value says nothing of spoofing.
+        """
+        return [
+            name
+            for name in self.long
+            if min(self.median(name, statistic) for statistic in FOUR) > THRESHOLD
+        ]
+
+    def pooled(self, pairs: Sequence[tuple[str, str]], statistics: Sequence[str]) -> Floats:
+        """Return the values of statistics in pairs of session and case, one after another,
+        ``(n,)``.
+        """
+        return np.concatenate(
+            [
+                self.values[name, case, statistic].value
+                for name, case in pairs
+                for statistic in statistics
+            ]
+        )
+
+    def unrelated(self, names: Sequence[str]) -> list[tuple[str, str]]:
+        """Sessions and their cases in which GNSS is of another time or run."""
+        return [(name, case) for name in names for case in unrelated(self.values, name)]
+
+
+def together(a: Series, b: Series) -> tuple[Series, Series]:
+    """Both at the times at which both are available."""
+    _, i, j = np.intersect1d(a.time_s, b.time_s, return_indices=True)
+    return Series(a.time_s[i], a.value[i]), Series(b.time_s[j], b.value[j])
+
 
 SPORADIC = 0.05
 PHONES = ("iphone-2", "iphone-3", "iphone-5")
@@ -37,7 +108,7 @@ def cells(findings: Findings) -> list[Cell]:
         ]
     if "phone-car" in findings.sessions:
         found += [*_steady(findings), _phone(findings)]
-    return [*found, *_low_end(findings), *discussion.cells(findings)]
+    return [*found, *_low_end(findings)]
 
 
 def _genuine(findings: Findings) -> Iterator[Cell]:
@@ -137,8 +208,11 @@ def _untelling(findings: Findings) -> Iterator[Cell]:
         spoofed = findings.pooled(runs, FOUR)
         low = below(0.6)(findings.pooled([(name, "genuine") for name in names], FOUR))
         yield Cell(
-            "text to Figs 9 and 12: the same, GNSS of another run, on recordings whose genuine values are low", "all but sporadic",
-            below(0.6)(spoofed), None, None,
+            (
+                "text to Figs 9 and 12: the same, GNSS of another run, on recordings whose genuine "
+                "values are low"
+            ),
+            "all but sporadic", below(0.6)(spoofed), None, None,
             "trend only" if below(0.6)(spoofed) >= 1 - SPORADIC else "not reproduced",
             (
                 f"highest {spoofed.max():.2f}, on {', '.join(names)}; of their genuine values "
@@ -167,7 +241,11 @@ def _threshold(findings: Findings) -> Iterator[Cell]:
     yield Cell(
         "text to Fig 9: 0.7 tells normal from spoofed; share of genuine H below it",
         "0.7 can be adopted", false, low, high,
-        "matches after calibration" if false < SPORADIC and detected > 1 - SPORADIC else "not reproduced",
+        (
+            "matches after calibration"
+            if false < SPORADIC and detected > 1 - SPORADIC
+            else "not reproduced"
+        ),
         f"{100 * detected:.1f} % of the epochs with GNSS of another time or run are below; {LAG}",
     )  # fmt: skip
     others = [name for name in findings.long if name != DRIVE]
@@ -180,7 +258,8 @@ def _threshold(findings: Findings) -> Iterator[Cell]:
         "text to Fig 9: the threshold depends on the IMU", "depends",
         f"{min(shares.values()):.0f} to {max(shares.values()):.0f} %", None,
         None, "trend only" if max(shares.values()) > 100 * SPORADIC else "not reproduced",
-        "genuine epochs with H below 0.7: " + ", ".join(f"{name} {share:.0f} %" for name, share in shares.items()),
+        "genuine epochs with H below 0.7: "
+        + ", ".join(f"{name} {share:.0f} %" for name, share in shares.items()),
     )  # fmt: skip
     fitted = {
         row["fitted_on"]: row["threshold"]
@@ -250,15 +329,22 @@ def _low_end(findings: Findings) -> Iterator[Cell]:
         medians = {
             name: (findings.median(name, "H_acc"), findings.median(name, "H_ag")) for name in poor
         }
-        words = ", ".join(
+        listed = ", ".join(
             f"{name} {force:.2f} and {rate:.2f}" for name, (force, rate) in medians.items()
         )
         yield Cell(
-            "text to Fig 14: on a low-end phone acceleration shows the trend and angular rate is of no use", None,
-            max(rate for _, rate in medians.values()), None, None,
-            "trend only" if all(force > rate for force, rate in medians.values()) else "not reproduced",
             (
-                f"greatest median of H_ag; H_acc and H_ag: {words}. The cause is another: an IMU "
+                "text to Fig 14: on a low-end phone acceleration shows the trend and angular rate "
+                "is of no use"
+            ),
+            None, max(rate for _, rate in medians.values()), None, None,
+            (
+                "trend only"
+                if all(force > rate for force, rate in medians.values())
+                else "not reproduced"
+            ),
+            (
+                f"greatest median of H_ag; H_acc and H_ag: {listed}. The cause is another: an IMU "
                 "decimated to 5 Hz, courses of positions"
             ),
         )  # fmt: skip
@@ -270,8 +356,11 @@ def _low_end(findings: Findings) -> Iterator[Cell]:
     lost = [row["gyro_noise_radps"] for row in noisy if row["median"] < THRESHOLD]
     if lost:
         yield Cell(
-            "text to Fig 14: a gyroscope can be too noisy to be used; rad/s of noise on the drive's at which H_ag is lost", None, min(lost),
-            None, None, "trend only",
+            (
+                "text to Fig 14: a gyroscope can be too noisy to be used; rad/s of noise on the "
+                "drive's at which H_ag is lost"
+            ),
+            None, min(lost), None, None, "trend only",
             "white noise of the mean over an epoch, at which the genuine median is below 0.7: "
             + ", ".join(f"{row['median']:.2f} at {row['gyro_noise_radps']:g}" for row in noisy),
         )  # fmt: skip

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from spoofbench_papers.borio.findings import DRIVE, Findings
+from spoofbench_papers.borio.cells import DRIVE, Findings
 from spoofbench_papers.borio.statistics import FOUR, bootstrap
 from spoofbench_papers.reproduction import Cell
 
@@ -19,7 +19,7 @@ MEDIANS = {
 KINDS = ("gnss_still", "imu_still", "either")
 
 
-def cells(findings: Findings) -> Iterator[Cell]:
+def discussion_cells(findings: Findings) -> Iterator[Cell]:
     """Yield the cells of the discussion and the checks."""
     if DRIVE in findings.sessions:
         yield from _standstill(findings)
@@ -32,8 +32,12 @@ def _standstill(findings: Findings) -> Iterator[Cell]:
         _per_min(findings, DRIVE, case, "either") for case in ("genuine", "replay-300s")
     )
     yield Cell(
-        "Section V-A: GNSS and IMU record the same static periods; contradicted seconds per minute on the drive", "the same", genuine,
-        None, None, "trend only" if 5 * genuine < replayed else "not reproduced",
+        (
+            "Section V-A: GNSS and IMU record the same static periods; contradicted seconds per "
+            "minute on the drive"
+        ),
+        "the same", genuine, None, None,
+        "trend only" if 5 * genuine < replayed else "not reproduced",
         (
             f"{replayed:.1f} when replayed by 300 s; the paper gives no detector, its thresholds "
             "are ours"
@@ -53,7 +57,8 @@ def _standstill(findings: Findings) -> Iterator[Cell]:
             f"{len(good)} of {len(known)}", None, None,
             "trend only" if len(good) == len(known) else "not reproduced",
             ", ".join(f"{name} {rate:.1f}" for name, rate in known.items())
-            + ". Noise and bias of the gyroscope exceed, at rest, the 0.010 rad/s that suit the drive's on "
+            + ". Noise and bias of the gyroscope exceed, at rest, the 0.010 rad/s that suit the "
+            "drive's on "
             + ", ".join(_restless(findings, list(known))),
         )  # fmt: skip
 
@@ -79,9 +84,14 @@ def _refined(findings: Findings) -> Iterator[Cell]:
     )
     yield _compared(
         findings,
-        "Section V-B: an excessive length can remove features; recordings with less H at 7 than at 3", "H",
-        ("median 7", "median 3"), most=False,
-    )  # fmt: skip
+        (
+            "Section V-B: an excessive length can remove features; recordings with less H at 7 "
+            "than at 3"
+        ),
+        "H",
+        ("median 7", "median 3"),
+        most=False,
+    )
     yield _compared(
         findings,
         "Section V-C: adaptive weights (the formula is ours); recordings with more H",
@@ -100,8 +110,11 @@ def _refined(findings: Findings) -> Iterator[Cell]:
                 "gyro_noise", gyro_noise_radps=0.05, case="genuine", statistic="H", adaptive=False
             )
             yield Cell(
-                "Section V-C: the same with a noisy gyroscope (0.05 rad/s); gain of the 5th percentile of genuine H", None,
-                row["p05"] - fixed["p05"], None, None,
+                (
+                    "Section V-C: the same with a noisy gyroscope (0.05 rad/s); gain of the 5th "
+                    "percentile of genuine H"
+                ),
+                None, row["p05"] - fixed["p05"], None, None,
                 "trend only" if row["p05"] > fixed["p05"] else "not reproduced",
                 (
                     f"{fixed['p05']:.2f} to {row['p05']:.2f} on the drive; the median moves from "
@@ -111,8 +124,11 @@ def _refined(findings: Findings) -> Iterator[Cell]:
     pairs, unknown = _medians(findings, "H_acc", ("low-pass", "descent"))
     gain = min(new - old for old, new in pairs.values())
     yield Cell(
-        "Section II-D: gravity by descent (Eq 13 and 14) does no worse than a 30 s low-pass; least gain in H_acc", None, gain, None, None,
-        "trend only" if gain > -0.01 else "not reproduced",
+        (
+            "Section II-D: gravity by descent (Eq 13 and 14) does no worse than a 30 s low-pass; "
+            "least gain in H_acc"
+        ),
+        None, gain, None, None, "trend only" if gain > -0.01 else "not reproduced",
         (
             f"genuine medians with low-pass and descent: {_words(pairs)}; unavailable on {unknown} "
             "recordings, where no standstill tells g"

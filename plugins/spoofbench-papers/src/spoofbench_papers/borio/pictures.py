@@ -1,21 +1,23 @@
 """Pictures of the reproduction of Borio."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from spoofbench_correlation import gnss, gravity, imu
 from spoofbench_correlation.series import Comparison, series
 
-from spoofbench_papers.borio.recordings import Session
+from spoofbench_papers.borio.cells import Findings
+from spoofbench_papers.borio.recordings import FieldSession
 from spoofbench_papers.borio.statistics import DELAYS_S, FOUR, THRESHOLD, Row, Values
 from spoofbench_papers.figures import new_figure, save_figure
+from spoofbench_papers.reproduction import Picture
 
 COLOURS = {"M_acc": "#c46a1b", "M_ag": "#3b6fb6", "H_acc": "#8c3b0c", "H_ag": "#14325c"}
 STRETCH_S = (300.0, 900.0)
 
 
-def time_series(path: Path, session: Session) -> None:
+def time_series(path: Path, session: FieldSession) -> None:
     """Draw horizontal acceleration and yaw rate of IMU and GNSS over ten minutes (Figs 7, 10 and
     14).
     """
@@ -152,3 +154,68 @@ def dynamics(path: Path, rows: Sequence[Row]) -> None:
     np.atleast_1d(axes)[0].set_ylabel("median, genuine")
     np.atleast_1d(axes)[-1].legend(fontsize=8)
     save_figure(figure, path)
+
+
+def draw(out: Path, findings: Findings) -> list[Picture]:
+    """Draw all pictures of the sessions that are there into a folder."""
+    return list(_drawn(out, findings))
+
+
+def _drawn(out: Path, findings: Findings) -> Iterator[Picture]:
+    for name, figure in (("drive", "Fig 7"), ("phone-car", "Fig 10"), ("iphone-3", "Fig 14")):
+        if name in findings.sessions:
+            session = findings.sessions[name]
+            time_series(out / f"series-{name}", session)
+            yield Picture(
+                f"series-{name}",
+                (
+                    f"As {figure}, {name} ({session.log.about}): horizontal acceleration and yaw "
+                    "rate, IMU and GNSS"
+                ),
+            )
+    for name, figure in (("drive", "Fig 8"), ("phone-car", "Figs 11 and 13")):
+        if name in findings.sessions:
+            statistics(out / f"statistics-{name}", findings.values, [(name, "genuine")])
+            yield Picture(
+                f"statistics-{name}",
+                f"As {figure}, {name}, genuine: the four statistics over {_window(findings, name)}",
+            )
+    meaconed = [
+        key for key in _meaconed(findings) if key[0] in ("drive", "boston", "iphone-2", "zed-f9r-a")
+    ]
+    if meaconed:
+        statistics(out / "statistics-meaconing", findings.values, meaconed[:4])
+        yield Picture(
+            "statistics-meaconing",
+            "As Figs 9 and 12: GNSS of another run; for the drive, of another car",
+        )
+    if findings.long:
+        delays(out / "delays", findings.tables["statistics"], findings.long)
+        yield Picture(
+            "delays", "Share of epochs with H below 0.7, by delay of the replay; 0 is genuine"
+        )
+    if len(findings.long) > 1:
+        transfer(out / "transfer", findings.tables["transfer"], findings.long)
+        yield Picture(
+            "transfer",
+            (
+                "Thresholds on H fitted to one recording (rows: 1 % of genuine epochs below) and "
+                "used on another (columns)"
+            ),
+        )
+        dynamics(out / "dynamics", findings.tables["dynamics"])
+        yield Picture(
+            "dynamics", "Genuine medians by quintile of dynamics: steady cruise is on the left"
+        )
+
+
+def _window(findings: Findings, name: str) -> str:
+    return f"{findings.sessions[name].window_s:g} s"
+
+
+def _meaconed(findings: Findings) -> Sequence[tuple[str, str]]:
+    pairs = dict.fromkeys(
+        (name, case) for name, case, _ in findings.values if case.startswith("meacon")
+    )
+    first = {name: (name, case) for name, case in reversed(pairs)}
+    return [first[name] for name in findings.sessions if name in first]

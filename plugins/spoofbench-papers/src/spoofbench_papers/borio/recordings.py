@@ -9,33 +9,31 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import NDArray
 from spoofbench_correlation import gnss
 from spoofbench_correlation.correlation import Correlation
 from spoofbench_correlation.imu import FORCE, RATE
 
 from spoofbench import codec
+from spoofbench.arrays import Floats
 from spoofbench.conversion import convert
 from spoofbench.demo import drive_bag
 from spoofbench.detector import detect
 from spoofbench.errors import NotApplicable, SpoofbenchError
+from spoofbench.navigation.gnss import radii_m
 from spoofbench.recording import Recording
 from spoofbench.table import Table
 
-Floats = NDArray[np.float64]
-
 WINDOWS_S = (120, 60, 30, 10)  # the paper's first; a shorter recording has to do with a shorter one
 EPOCH_S = 1.0
-LAGS_S = sorted(
-    np.round(np.arange(-1.5, 1.55, 0.1), 1).tolist(), key=abs
-)  # of equals, the smallest counts
-LEAST_FITTED_S = 60  # a lag is not fitted to windows shorter than this
+LAGS_S = sorted(np.round(np.arange(-1.5, 1.55, 0.1), 1).tolist(), key=abs)
+"""Of lags that fit equally well, the smallest counts."""
+MIN_FITTED_S = 60
+"""A lag is not fitted to windows shorter than this."""
 STANDARD_GRAVITY = 9.80665
-SEMI_MAJOR_M, ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3  # WGS 84
 
 
 @dataclass(frozen=True, slots=True)
-class Log:
+class FieldLog:
     """A log: its files below the folder of logs (none: the drive of the demo), the table
     converter's mapping, what it is.
 
@@ -55,8 +53,8 @@ class Log:
 
 
 LOGS = (
-    Log("drive", (), "drive", "car, VN-100 at 100 Hz, ZED-F9T", lag_s=0.34),
-    Log(
+    FieldLog("drive", (), "drive", "car, VN-100 at 100 Hz, ZED-F9T", lag_s=0.34),
+    FieldLog(
         "rtk-drive",
         (
             "phone_bag/rtk_drive_imu_1934.csv",
@@ -67,52 +65,52 @@ LOGS = (
         "car, MEMS IMU at 100 Hz, RTK",
         "gnss_imu_drive",
     ),
-    Log(
+    FieldLog(
         "boston",
         ("phone_bag/boston_town_run1_imu.csv", "phone_bag/boston_town_run1_gps.csv"),
         "boston",
         "car, VN-100, GNSS puck",
     ),
-    Log(
+    FieldLog(
         "boston-run2",
         ("phone_bag/ros1_boston_town_gps_run2.bag",),
         "boston",
         "the same route again, GNSS alone",
     ),
-    Log(
+    FieldLog(
         "phone-car",
         ("phone_bag/phone_car_1hz_20230809.csv",),
         "phone-car",
         "phone in a car, motorway, means over 1 s",
     ),
-    Log(
+    FieldLog(
         "iphone-2", ("phone_bag/iphone_car_trip2.csv",), "pittsburgh", "phone in a car, IMU at 5 Hz"
     ),
-    Log(
+    FieldLog(
         "iphone-3", ("phone_bag/iphone_car_trip3.csv",), "pittsburgh", "phone in a car, IMU at 5 Hz"
     ),
-    Log(
+    FieldLog(
         "iphone-5", ("phone_bag/iphone_car_trip5.csv",), "pittsburgh", "phone in a car, IMU at 5 Hz"
     ),
-    Log("zed-f9r-a", ("nmea_ubx/las_220114_0121_drive.ubx",), "fairbanks", "car, ZED-F9R"),
-    Log("zed-f9r-b", ("nmea_ubx/las_220110_0655_drive.ubx",), "fairbanks", "car, ZED-F9R"),
-    Log(
+    FieldLog("zed-f9r-a", ("nmea_ubx/las_220114_0121_drive.ubx",), "fairbanks", "car, ZED-F9R"),
+    FieldLog("zed-f9r-b", ("nmea_ubx/las_220110_0655_drive.ubx",), "fairbanks", "car, ZED-F9R"),
+    FieldLog(
         "dresden", ("phone_bag/balzer_car_50hz_20140326.csv",), "dresden", "car, MEMS IMU at 50 Hz"
     ),
-    Log(
+    FieldLog(
         "comma",
         ("phone_bag/comma2k19_example1_imu_gnss.zip",),
         "comma",
         "phone-grade IMU in a car, straight road, u-blox M8",
     ),
-    Log(
+    FieldLog(
         "motorbike",
         ("phone_bag/sensorlog_motorbike_20160809.csv",),
         "motorbike",
         "phone on a motorbike, which leans",
     ),
-    Log("pixel-6", ("phone_bag/gl_pixel6_163232.txt",), "pitch", "phone in a runner's hand"),
-    Log(
+    FieldLog("pixel-6", ("phone_bag/gl_pixel6_163232.txt",), "pitch", "phone in a runner's hand"),
+    FieldLog(
         "pixel-7",
         ("phone_bag/gl_pixel7_163231.txt",),
         "pitch",
@@ -122,7 +120,7 @@ LOGS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Session:
+class FieldSession:
     """A recording of one IMU and one receiver at 1 Hz, the IMU's times moved by the receiver's lag.
 
     Attributes:
@@ -134,7 +132,7 @@ class Session:
         window_s: the longest of the windows that the recording holds twice.
     """
 
-    log: Log
+    log: FieldLog
     recording: Recording
     velocity: str
     inertial: str
@@ -148,7 +146,7 @@ class Session:
 
 def sessions(
     data: Path | None, quick: bool, progress: Callable[[float], None]
-) -> tuple[list[Session], list[str]]:
+) -> tuple[list[FieldSession], list[str]]:
     """Convert and prepare all logs; return what could be, and a sentence on each that could not.
 
     Args:
@@ -167,7 +165,7 @@ def sessions(
     return found, left_out
 
 
-def _converted(log: Log, data: Path | None) -> Recording:
+def _converted(log: FieldLog, data: Path | None) -> Recording:
     with TemporaryDirectory() as folder:
         out = Path(folder) / "recording.mcap"
         if not log.files or data is None:
@@ -201,7 +199,7 @@ def _converted(log: Log, data: Path | None) -> Recording:
         )
 
 
-def prepared(log: Log, recording: Recording) -> Session:
+def prepared(log: FieldLog, recording: Recording) -> FieldSession:
     """Return the session of a converted log.
 
     Raises:
@@ -212,15 +210,15 @@ def prepared(log: Log, recording: Recording) -> Session:
     duration_s = (int(pvt.time_ns[-1]) - int(pvt.time_ns[0])) / 1e9
     window_s = next((window for window in WINDOWS_S if duration_s >= 2 * window), WINDOWS_S[-1])
     if imu is None:
-        return Session(log, Recording({"/gnss0/gnss/pvt": pvt}), velocity, "", 0.0, window_s)
+        return FieldSession(log, Recording({"/gnss0/gnss/pvt": pvt}), velocity, "", 0.0, window_s)
     lag_s = log.lag_s
     if lag_s is None:
-        lag_s = fitted_lag_s(imu, pvt, window_s) if window_s >= LEAST_FITTED_S else 0.0
-    return Session(log, _together(imu, pvt, lag_s), velocity, inertial, lag_s, window_s)
+        lag_s = fitted_lag_s(imu, pvt, window_s) if window_s >= MIN_FITTED_S else 0.0
+    return FieldSession(log, _together(imu, pvt, lag_s), velocity, inertial, lag_s, window_s)
 
 
 def at_1_hz(pvt: Table) -> Table:
-    """Return rows a second apart, or all where the receiver is no faster."""
+    """Return the rows that are a second apart, or all where the receiver is no faster."""
     interval_ns = float(np.median(np.diff(pvt.time_ns)))
     if interval_ns > 0.75 * EPOCH_S * 1e9:
         return pvt
@@ -241,23 +239,22 @@ def with_velocity(pvt: Table) -> tuple[Table, str]:
         NotApplicable: there is no position either.
     """
     if pvt.has("vel_n_mps", "vel_e_mps", "vel_d_mps"):
-        words = "the receiver's"
+        origin = "the receiver's"
     elif pvt.has("speed_mps", "course_deg"):
-        words = "the receiver's speed and course"
+        origin = "the receiver's speed and course"
     elif pvt.has("lat_deg", "lon_deg"):
         north, east = _displacement_m(pvt)
         course = np.degrees(np.arctan2(east, north)) % 360
-        words = "the receiver's speed, the course of its positions"
+        origin = "the receiver's speed, the course of its positions"
         if not pvt.has("speed_mps"):
-            words = "differences of positions"
+            origin = "differences of positions"
             elapsed_s = np.diff(pvt.time_ns, prepend=pvt.time_ns[:1]) / 1e9
             speed = np.divide(
                 np.hypot(north, east), elapsed_s, out=np.full(len(pvt), np.nan), where=elapsed_s > 0
             )
             pvt = pvt.replace(speed_mps=speed)
-        held = (
-            (north == 0) & (east == 0) & (pvt["speed_mps"] > 0)
-        )  # a position repeated says no course
+        # A position that is repeated says no course.
+        held = (north == 0) & (east == 0) & (pvt["speed_mps"] > 0)
         pvt = pvt.replace(course_deg=np.where(held, np.nan, course))
     else:
         raise NotApplicable("the receiver says neither velocity nor position")
@@ -266,17 +263,13 @@ def with_velocity(pvt: Table) -> tuple[Table, str]:
         f"vel_{axis}_mps": component
         for axis, component in zip("ned", velocity.ned_mps, strict=True)
     }
-    return Table("gnss/pvt", velocity.time_ns, columns), words
+    return Table("gnss/pvt", velocity.time_ns, columns), origin
 
 
 def _displacement_m(pvt: Table) -> tuple[Floats, Floats]:
     """North and east from the position before, shapes ``(n,)``; NaN at the first."""
     lat, lon = np.radians(pvt["lat_deg"]), np.radians(pvt["lon_deg"])
-    curvature = 1 - ECCENTRICITY_2 * np.sin(lat) ** 2
-    meridian, normal = (
-        SEMI_MAJOR_M * (1 - ECCENTRICITY_2) / curvature**1.5,
-        SEMI_MAJOR_M / np.sqrt(curvature),
-    )
+    meridian, normal = radii_m(lat, np.zeros_like(lat))
     return meridian * np.diff(lat, prepend=np.nan), normal * np.cos(lat) * np.diff(
         lon, prepend=np.nan
     )

@@ -4,22 +4,24 @@ from collections.abc import Sequence
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from spoofbench_correlation import gnss, imu
 from spoofbench_correlation.zero_velocity import Contradiction, ZeroVelocity
 
+from spoofbench.arrays import Bools
 from spoofbench.detector import detect
-from spoofbench_papers.borio.recordings import Session
+from spoofbench_papers.borio.recordings import FieldSession
 from spoofbench_papers.borio.statistics import Row, Series, cases, window_motion
 
 
-def parked(session: Session, series: Series) -> NDArray[np.bool_]:
-    """Which values are of windows in which the receiver stands still throughout."""
+def parked(session: FieldSession, series: Series) -> Bools:
+    """Return whether each value of a series, ``(n,)``, is of a window in which the receiver stands
+    still throughout.
+    """
     time_s, _, _, slow = window_motion(session)
     return np.asarray(slow[np.searchsorted(time_s, series.time_s)] == 1)
 
 
-def contradictions(sessions: Sequence[Session]) -> list[Row]:
+def contradictions(sessions: Sequence[FieldSession]) -> list[Row]:
     """Return contradicted seconds per minute over each session, genuine and under each attack; null
     where standstill is not known.
     """
@@ -41,7 +43,7 @@ def contradictions(sessions: Sequence[Session]) -> list[Row]:
     return rows
 
 
-def at_rest(sessions: Sequence[Session]) -> list[Row]:
+def at_rest(sessions: Sequence[FieldSession]) -> list[Row]:
     """Return, of the epochs at which a receiver stands still, the shares that the IMU's two limits
     each find still; null where unknown.
     """

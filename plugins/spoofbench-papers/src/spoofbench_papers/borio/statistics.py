@@ -4,20 +4,19 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from spoofbench_correlation import gnss, windows
 from spoofbench_correlation.correlation import Correlation
 from spoofbench_correlation.imu import RATE
 from spoofbench_correlation.zero_velocity import ZeroVelocity
 
+from spoofbench.arrays import Floats, Indices
 from spoofbench.attacks.contract import Attack, attackable_span, make_variant
 from spoofbench.attacks.replay import Meacon, Replay
 from spoofbench.detector import detect
 from spoofbench.errors import NotApplicable
 from spoofbench.recording import Interval, Recording
-from spoofbench_papers.borio.recordings import EPOCH_S, Session
+from spoofbench_papers.borio.recordings import EPOCH_S, FieldSession
 
-Floats = NDArray[np.float64]
 Row = dict[str, Any]
 
 FOUR = ("M_acc", "M_ag", "H_acc", "H_ag")
@@ -35,12 +34,11 @@ SETTINGS: Mapping[str, Mapping[str, Any]] = {
     "adaptive": {"adaptive": True},
 }
 GYRO_NOISES_RADPS = (0.0, 0.02, 0.05, 0.1, 0.2)  # of the means over an epoch
-OTHER_VEHICLES = {
-    "drive": "rtk-drive"
-}  # donors where no recording shares the group; for the others the drive
+OTHER_VEHICLES = {"drive": "rtk-drive"}
+"""Donors where no recording shares the group; for the others it is the drive."""
 MOVING_MPS = 5.0
 QUINTILES = 5
-DRAWS, LEAST_BLOCKS = 1000, 5
+DRAWS, MIN_BLOCKS = 1000, 5
 
 
 class Series(NamedTuple):
@@ -67,7 +65,7 @@ def series_of(recording: Recording, statistic: str, window_s: float, **parameter
 
 
 def outcomes(
-    session: Session, all_sessions: Sequence[Session]
+    session: FieldSession, all_sessions: Sequence[FieldSession]
 ) -> Iterator[tuple[str, Recording | str]]:
     """Yield the genuine recording and its falsified stretches, each under attack from end to end,
     or why there is none.
@@ -88,7 +86,9 @@ def outcomes(
         yield f"meacon-{donor.name}", _attacked("meacon", Meacon(), session, (donor.recording,))
 
 
-def cases(session: Session, all_sessions: Sequence[Session]) -> Iterator[tuple[str, Recording]]:
+def cases(
+    session: FieldSession, all_sessions: Sequence[FieldSession]
+) -> Iterator[tuple[str, Recording]]:
     """Yield the outcomes that are recordings."""
     for case, outcome in outcomes(session, all_sessions):
         if isinstance(outcome, Recording):
@@ -96,7 +96,7 @@ def cases(session: Session, all_sessions: Sequence[Session]) -> Iterator[tuple[s
 
 
 def _attacked(
-    name: str, attack: Attack, session: Session, donors: Sequence[Recording]
+    name: str, attack: Attack, session: FieldSession, donors: Sequence[Recording]
 ) -> Recording | str:
     clean = session.recording
     try:
@@ -120,7 +120,7 @@ def _attacked(
 
 
 def all_values(
-    sessions: Sequence[Session], progress: Callable[[float], None]
+    sessions: Sequence[FieldSession], progress: Callable[[float], None]
 ) -> tuple[dict[tuple[str, str, str], Series], list[Row]]:
     """Return the values of each statistic for each session with an IMU and each case, and per case
     null or why it could not be made.
@@ -153,10 +153,15 @@ def bootstrap(
     than five blocks.
 
     Windows that overlap share their pairs: an epoch is no sample of its own.
+
+    Args:
+        series: of ``n`` values.
+        window_s: length of a block.
+        measure: from values of any number, shape ``(m,)``, to a scalar.
     """
     block = np.floor(series.time_s / window_s)
     blocks = [series.value[block == number] for number in np.unique(block)]
-    if len(blocks) < LEAST_BLOCKS:
+    if len(blocks) < MIN_BLOCKS:
         return None, None
     rng = np.random.default_rng(0)
     drawn = [
@@ -168,11 +173,11 @@ def bootstrap(
 
 
 def below(limit: float) -> Callable[[Floats], float]:
-    """Return the measure: share of values below a limit."""
+    """Return the measure that gives the share of values, ``(m,)``, below a limit."""
     return lambda values: float((values < limit).mean())
 
 
-def summaries(values: Values, sessions: Mapping[str, Session]) -> list[Row]:
+def summaries(values: Values, sessions: Mapping[str, FieldSession]) -> list[Row]:
     """Return the distribution of each statistic by session and case; null where it is never
     available.
     """
@@ -242,7 +247,7 @@ def transfer(values: Values) -> list[Row]:
     return rows
 
 
-def settings(sessions: Sequence[Session]) -> list[Row]:
+def settings(sessions: Sequence[FieldSession]) -> list[Row]:
     """Return genuine medians for other ways to estimate gravity, to filter, to weigh, and with the
     lag not taken out.
     """
@@ -275,7 +280,7 @@ def moved(recording: Recording, by_s: float) -> Recording:
     return recording.replace({topic: type(imu)("imu", imu.time_ns + round(by_s * 1e9), columns)})
 
 
-def noisy_gyro(session: Session) -> list[Row]:
+def noisy_gyro(session: FieldSession) -> list[Row]:
     """Return H_ag, and H with fixed and adaptive weights, with white noise added to the gyroscope,
     genuine and replayed by 300 s.
     """
@@ -311,7 +316,7 @@ def noisy_gyro(session: Session) -> list[Row]:
     return rows
 
 
-def dynamics(sessions: Sequence[Session], values: Values) -> list[Row]:
+def dynamics(sessions: Sequence[FieldSession], values: Values) -> list[Row]:
     """Return the median of each genuine statistic by quintile of the window's dynamics, over
     windows that move on average.
 
@@ -350,9 +355,12 @@ def dynamics(sessions: Sequence[Session], values: Values) -> list[Row]:
     return rows
 
 
-def window_motion(session: Session) -> tuple[Floats, Floats, Floats, Floats]:
-    """Per pair of epochs, over the window that it ends: its time, rms horizontal acceleration, mean
-    speed, share of slow pairs.
+def window_motion(session: FieldSession) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the motion over the window that each pair of epochs ends, from ``n`` epochs.
+
+    Returns:
+        Four arrays of shape ``(n - 1,)``: seconds since the first epoch, rms horizontal
+        acceleration (m/s^2), mean speed (m/s), and share of pairs with a slow end.
     """
     velocity = gnss.velocity(session.recording.primary("gnss/pvt"))
     start_ns, end_ns = velocity.time_ns[:-1], velocity.time_ns[1:]
@@ -369,7 +377,7 @@ def window_motion(session: Session) -> tuple[Floats, Floats, Floats, Floats]:
     )
 
 
-def _trailing_mean(values: Floats, first: NDArray[np.intp]) -> Floats:
+def _trailing_mean(values: Floats, first: Indices) -> Floats:
     known = ~np.isnan(values)
     total, count = (
         np.concatenate(([0.0], np.cumsum(column)))

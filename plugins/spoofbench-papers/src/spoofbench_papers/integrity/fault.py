@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spoofbench.arrays import Floats
 from spoofbench_papers.integrity.filtering import Run
-from spoofbench_papers.integrity.model import ALTITUDE, Array
+from spoofbench_papers.integrity.model import ALTITUDE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,9 +28,9 @@ class Fault:
         noncentrality_squared: lambda^2 of the cumulative statistic (Eq 18).
     """
 
-    measurement: Array
-    innovation: Array
-    error: Array
+    measurement: Floats
+    innovation: Floats
+    error: Floats
     noncentrality_squared: float
 
     @property
@@ -67,7 +68,7 @@ def worst_fault(run: Run, first: int = 1) -> Fault:
     return fault.scaled(fault.noncentrality_squared**-0.5)
 
 
-def fault_of_innovations(run: Run, innovation: Array) -> Fault:
+def fault_of_innovations(run: Run, innovation: Floats) -> Fault:
     """Return the fault that gives these mean innovations, ``(k, n)`` (Eqs 47 and 48 solved for
     f).
     """
@@ -82,7 +83,7 @@ def fault_of_innovations(run: Run, innovation: Array) -> Fault:
     return Fault(measurement, innovation, error, noncentrality_squared(run, innovation))
 
 
-def fault_of_measurements(run: Run, measurement: Array) -> Fault:
+def fault_of_measurements(run: Run, measurement: Floats) -> Fault:
     """Return what a fault ``(k, n)`` does to the estimate and the innovations, in the mean (Eqs 47
     and 48).
     """
@@ -97,13 +98,13 @@ def fault_of_measurements(run: Run, measurement: Array) -> Fault:
     return Fault(measurement, innovation, error, noncentrality_squared(run, innovation))
 
 
-def noncentrality_squared(run: Run, innovation: Array) -> float:
-    """Return lambda^2 = sum of gamma^T S^-1 gamma (Eq 18)."""
+def noncentrality_squared(run: Run, innovation: Floats) -> float:
+    """Return lambda^2 = sum of gamma^T S^-1 gamma of mean innovations, ``(k, n)`` (Eq 18)."""
     whitened = np.linalg.solve(run.innovation, innovation[:, :, None])[:, :, 0]
     return float(np.sum(innovation * whitened))
 
 
-def slopes_squared(run: Run, first: int = 1) -> Array:
+def slopes_squared(run: Run, first: int = 1) -> Floats:
     """Return rho^2 of the worst-case fault for a monitor that ends at each epoch, ``(k,)``, m^2; 0
     before the attack.
 

@@ -20,15 +20,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from filterpy.common import van_loan_discretization
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Floats
 from spoofbench_papers.integrity.scenario import GRAVITY_MPS2, Scenario
-
-Array = NDArray[np.float64]
 
 POSITION, VELOCITY, ATTITUDE, ACCEL_BIAS, GYRO_BIAS = (slice(3 * i, 3 * i + 3) for i in range(5))
 ALTITUDE = 2
-"""Place of the vertical position error (down) among the states."""
+"""Index of the vertical position error (down) among the states."""
 INERTIAL_STATES = 15
 
 
@@ -41,11 +39,11 @@ class LinearModel:
     ``(s, s)``.
     """
 
-    transition: Array
-    process: Array
-    observation: Array
-    noise: Array
-    initial: Array
+    transition: Floats
+    process: Floats
+    observation: Floats
+    noise: Floats
+    initial: Floats
 
 
 def linear_model(scenario: Scenario) -> LinearModel:
@@ -93,14 +91,14 @@ def linear_model(scenario: Scenario) -> LinearModel:
     observation[:count, code] = observation[count:, carrier] = observation[count:, ambiguity] = (
         np.eye(count)
     )
-    noise: Array = np.kron(
+    noise: Floats = np.kron(
         np.diag([gnss.code_noise_m**2, gnss.carrier_noise_m**2]), together
     ).astype(np.float64)
     transition, process = discretised(dynamics, driving, 1 / scenario.rate_hz)
     return LinearModel(transition, process, observation, noise, initial)
 
 
-def inertial_dynamics(accel_bias_s: float, gyro_bias_s: float) -> Array:
+def inertial_dynamics(accel_bias_s: float, gyro_bias_s: float) -> Floats:
     """Return F of the fifteen inertial states, level and heading north, ``(15, 15)`` (Tanil et al.
     2018, Eq 4).
     """
@@ -114,24 +112,22 @@ def inertial_dynamics(accel_bias_s: float, gyro_bias_s: float) -> Array:
     return dynamics
 
 
-def discretised(dynamics: Array, driving: Array, interval_s: float) -> tuple[Array, Array]:
+def discretised(dynamics: Floats, driving: Floats, interval_s: float) -> tuple[Floats, Floats]:
     """Return the transition matrix and process covariance of dx/dt = dynamics x + w, w of spectral
-    density ``driving``.
+    density ``driving``; all ``(s, s)``.
     """
     values, vectors = np.linalg.eigh(driving)
-    factor = vectors * np.sqrt(
-        np.maximum(values, 0)
-    )  # a square root, though not all states are driven
+    factor = vectors * np.sqrt(np.maximum(values, 0))  # a root, though not all states are driven
     transition, process = van_loan_discretization(dynamics, factor, interval_s)
     return np.asarray(transition), np.asarray((process + process.T) / 2)
 
 
-def differencing(satellites: int) -> Array:
+def differencing(satellites: int) -> Floats:
     """Return D = [-1 I], ``(m - 1, m)``: differences against the first satellite."""
     return np.hstack([-np.ones((satellites - 1, 1)), np.eye(satellites - 1)])
 
 
-def cross_matrix(vector: Array) -> Array:
+def cross_matrix(vector: Floats) -> Floats:
     """Return [v x], so that ``cross_matrix(v) @ u`` is v x u."""
     x, y, z = vector
     return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

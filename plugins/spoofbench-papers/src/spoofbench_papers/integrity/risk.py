@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy import optimize, stats
 from scipy.special import log_ndtr
 
-from spoofbench_papers.integrity.model import Array
+from spoofbench.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +41,8 @@ class WorstCase:
     log10_risk: float
 
 
-def log_exceedance(mean_m: ArrayLike, deviation_m: float, limit_m: float) -> Array:
-    """Return ln Pr(|eps| > l), eps ~ N(mean, deviation^2)."""
+def log_exceedance(mean_m: ArrayLike, deviation_m: float, limit_m: float) -> Floats:
+    """Return ln Pr(|eps| > l), eps ~ N(mean, deviation^2), by mean: scalar or ``(n,)``."""
     mean = np.asarray(mean_m, float)
     above, below = (
         log_ndtr((mean - limit_m) / deviation_m),
@@ -51,8 +51,8 @@ def log_exceedance(mean_m: ArrayLike, deviation_m: float, limit_m: float) -> Arr
     return np.asarray(np.logaddexp(above, below))
 
 
-def log_missed(noncentrality_squared: ArrayLike, threshold_squared: float, degrees: int) -> Array:
-    """Return ln Pr(q < T^2), q noncentral chi-square.
+def log_missed(noncentrality_squared: ArrayLike, threshold_squared: float, degrees: int) -> Floats:
+    """Return ln Pr(q < T^2), q noncentral chi-square, by lambda^2: scalar or ``(n,)``.
 
     SciPy's distribution is good to about 1e-120; below that the value is that of the normal
     approximation of Sankaran (1963), which is continuous enough for a search, and far below any
@@ -71,9 +71,9 @@ def log_missed(noncentrality_squared: ArrayLike, threshold_squared: float, degre
     return np.asarray(np.where(exact > -270, exact, np.minimum(log_ndtr(z), -270.0)))
 
 
-def log_risk(error_m: ArrayLike, monitor: Monitor) -> Array:
-    """Return ln I_r of the worst-case fault with mean vertical error mu (Tanil et al. 2018, Eq
-    45).
+def log_risk(error_m: ArrayLike, monitor: Monitor) -> Floats:
+    """Return ln I_r of the worst-case fault by its mean vertical error mu (m), scalar or ``(n,)``
+    (Tanil et al. 2018, Eq 45).
     """
     error = np.asarray(error_m, float)
     missed = log_missed((error / monitor.slope_m) ** 2, monitor.threshold_squared, monitor.degrees)

@@ -1,8 +1,9 @@
 """Integrity risk over the attack's period, the GNSS rate, the spoofer's tracking error and the
 attack's delay.
 
-Each study returns columns of equal length. Risks are those of the worst case over the fault's
-magnitude; they are given as log10 besides, since the smallest cannot be written as a number.
+Each study returns columns of one length, shape ``(rows,)``. Risks are those of the worst case over
+the fault's magnitude; they are given as log10 besides, since the smallest cannot be written as a
+number.
 """
 
 from collections.abc import Sequence

@@ -18,9 +18,10 @@ from scipy import interpolate
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import erfcx, log_ndtr, logsumexp
 
+from spoofbench.arrays import Floats
 from spoofbench_papers.integrity.fault import worst_fault
 from spoofbench_papers.integrity.filtering import Run
-from spoofbench_papers.integrity.model import ALTITUDE, Array
+from spoofbench_papers.integrity.model import ALTITUDE
 from spoofbench_papers.integrity.risk import (
     Monitor,
     WorstCase,
@@ -55,13 +56,13 @@ class Tracking:
     """
 
     monitor: Monitor
-    gain: Array
-    shift: Array
-    along: Array
-    spread: Array
-    gram: Array
-    cross: Array
-    outside: Array
+    gain: Floats
+    shift: Floats
+    along: Floats
+    spread: Floats
+    gram: Floats
+    cross: Floats
+    outside: Floats
 
 
 def tracking(run: Run, monitor: Monitor, first: int = 1) -> Tracking:
@@ -99,7 +100,7 @@ def tracking(run: Run, monitor: Monitor, first: int = 1) -> Tracking:
     )
 
 
-def _responses(run: Run, whiten: Array, first: int) -> tuple[Array, Array]:
+def _responses(run: Run, whiten: Floats, first: int) -> tuple[Floats, Floats]:
     """Return a, ``(t,)``, and M, ``(k n, t)``: what a unit tracking error of each epoch does."""
     model, epochs, count = run.model, len(run), len(run.model.noise)
     faults = epochs - first + 1
@@ -151,8 +152,8 @@ def log_risk_tracking(of: Tracking, sigma_m: float, error_m: float, log_chi2: "L
 
 
 def _log_general_chi2_where_it_counts(
-    threshold: float, weights: Array, degrees: Array, shifts: Array, others: Array
-) -> Array:
+    threshold: float, weights: Floats, degrees: Floats, shifts: Floats, others: Floats
+) -> Floats:
     """The contour integral where its summand is within 1e-13 of the largest, the approximation
     elsewhere.
     """
@@ -163,8 +164,8 @@ def _log_general_chi2_where_it_counts(
 
 
 def _conditional(
-    of: Tracking, sigma_m: float, magnitude: float, induced_m: Array
-) -> tuple[Array, Array, Array]:
+    of: Tracking, sigma_m: float, magnitude: float, induced_m: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Return weights ``(t + 1,)``, degrees ``(t + 1,)`` and noncentralities ``(c, t + 1)`` of q
     given each induced error.
     """
@@ -179,7 +180,7 @@ def _conditional(
     return np.append(weights, 1.0), degrees, np.column_stack([shifts, np.maximum(rest, 0)])
 
 
-def log_general_chi2(threshold: float, weights: Array, degrees: Array, shifts: Array) -> Array:
+def log_general_chi2(threshold: float, weights: Floats, degrees: Floats, shifts: Floats) -> Floats:
     """Return ln Pr(sum_j w_j chi2(degrees_j, shifts_cj) < threshold), ``(c,)``; weights and degrees
     ``(j,)``, shifts ``(c, j)``.
 
@@ -190,10 +191,8 @@ def log_general_chi2(threshold: float, weights: Array, degrees: Array, shifts: A
     """
     saddle, curvature = _saddle(threshold, weights, degrees, shifts)
     even = np.linspace(-_CONTOUR_REACH, _CONTOUR_REACH, _CONTOUR_POINTS)
-    steps, widths = (
-        np.sinh(even),
-        np.cosh(even) * (even[1] - even[0]),
-    )  # few degrees of freedom have slowly falling tails
+    # Few degrees of freedom have slowly falling tails: the steps grow.
+    steps, widths = np.sinh(even), np.cosh(even) * (even[1] - even[0])
     logs = np.empty(saddle.size)
     for c, (t, bend) in enumerate(zip(saddle.tolist(), curvature.tolist(), strict=True)):
         point = t + 1j * steps / np.sqrt(bend)
@@ -212,8 +211,8 @@ def log_general_chi2(threshold: float, weights: Array, degrees: Array, shifts: A
 
 
 def log_general_chi2_near(
-    threshold: float, weights: Array, degrees: Array, shifts: Array, others: Array | None = None
-) -> Array:
+    threshold: float, weights: Floats, degrees: Floats, shifts: Floats, others: Floats | None = None
+) -> Floats:
     """Return what :func:`log_general_chi2` does, good to a few per cent: for searching.
 
     The saddle-point formula of Lugannani and Rice (1980), and the normal distribution where a miss
@@ -242,10 +241,12 @@ def log_general_chi2_near(
     return np.asarray(np.where(away > -1, log_ndtr(away), tail))
 
 
-LogChi2 = Callable[[float, Array, Array, Array, Array], Array]
+LogChi2 = Callable[[float, Floats, Floats, Floats, Floats], Floats]
 
 
-def _saddle(threshold: float, weights: Array, degrees: Array, shifts: Array) -> tuple[Array, Array]:
+def _saddle(
+    threshold: float, weights: Floats, degrees: Floats, shifts: Floats
+) -> tuple[Floats, Floats]:
     """Return t < 0 where the distribution tilted by exp(t q) has its mean at the threshold, and
     K''(t), each ``(c,)``.
 
@@ -271,9 +272,9 @@ class Draws:
     alone and with the fault, ``(m,)``.
     """
 
-    induced: Array
-    squared: Array
-    crossed: Array
+    induced: Floats
+    squared: Floats
+    crossed: Floats
 
 
 def drawn(of: Tracking, samples: int, rng: np.random.Generator) -> Draws:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from spoofbench_papers.figures import save_table
 from spoofbench_papers.lo2017 import cells as printed_cells
-from spoofbench_papers.lo2017 import checks, choices, pictures, recordings
+from spoofbench_papers.lo2017 import checks, pictures, recordings
 from spoofbench_papers.lo2017.approach import APPROACHES, fly
 from spoofbench_papers.lo2017.tables import (
     STRIDES,
@@ -37,11 +37,11 @@ def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> 
     """
     seeds = range(QUICK_RUNS if quick else RUNS)
     flights, found, signature = {}, [], []
-    for place, approach in enumerate(APPROACHES):
+    for number, approach in enumerate(APPROACHES):
         flights[approach.number] = fly(approach, seeds)
         found += list(outcomes(approach, flights[approach.number], STRIDES))
         signature.append(signatures(flights[approach.number]))
-        progress((place + 1) / len(APPROACHES) * 0.3)
+        progress((number + 1) / len(APPROACHES) * 0.3)
     first = table1(signature)
     save_table(first, out / "table1.parquet")
     save_table(table2(found), out / "table2.parquet")
@@ -56,13 +56,13 @@ def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> 
         *printed_cells.table2_cells(index),
     ]
     names, some = (
-        (["as chosen"], range(QUICK_RUNS)) if quick else (list(choices.VARIED), range(VARIED_RUNS))
+        (["as chosen"], range(QUICK_RUNS)) if quick else (list(checks.VARIED), range(VARIED_RUNS))
     )
-    varied = choices.sensitivity(names, some, lambda share: progress(0.3 + 0.4 * share))
+    varied = checks.sensitivity(names, some, lambda share: progress(0.3 + 0.4 * share))
     save_table(
         {name: [row[name] for row in varied] for name in varied[0]}, out / "sensitivity.parquet"
     )
-    cells.append(choices.sensitivity_cell(varied))
+    cells.append(checks.sensitivity_cell(varied))
     drawn = pictures.draw(out, flights, index)
     progress(0.8)
     logs, missing = recordings.logs(data, with_drive=not quick)

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from spoofbench_acceleration.statistics import Averaging, Floats, weights
+from spoofbench_acceleration.statistics import Averaging, weights
+
+from spoofbench.arrays import Bools, Floats
 
 RATE_HZ = 10
 PHONE_HZ = 8
@@ -187,9 +188,7 @@ def _averaged_share(gust_s: float) -> float:
     return float(np.sqrt((1 - keep) / (1 + keep) * (1 + keep * decay) / (1 - keep * decay)))
 
 
-def _receiver(
-    gust: Floats, noise: Floats | None, dropout_s: float | None
-) -> tuple[Floats, NDArray[np.bool_]]:
+def _receiver(gust: Floats, noise: Floats | None, dropout_s: float | None) -> tuple[Floats, Bools]:
     """Second difference of noisy positions, and the rows that rest on a lost epoch, whose position
     repeats the one before.
     """

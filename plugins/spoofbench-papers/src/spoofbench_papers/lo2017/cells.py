@@ -17,8 +17,13 @@ from spoofbench_acceleration.statistics import Averaging, Executive
 from spoofbench_papers.lo2017 import approach as simulated
 from spoofbench_papers.lo2017.approach import APPROACHES, Flights
 from spoofbench_papers.lo2017.ensemble import PAPER, Spoofer, flags, spoofed
-from spoofbench_papers.lo2017.printed import CASES
-from spoofbench_papers.lo2017.tables import MONITORS, Outcome, convention, crosscorrelation
+from spoofbench_papers.lo2017.tables import (
+    CASES,
+    MONITORS,
+    CaseOutcome,
+    convention,
+    crosscorrelation,
+)
 from spoofbench_papers.reproduction import Cell, Verdict
 
 JUDGED_STRIDE = 3
@@ -29,10 +34,10 @@ _ROUNDING = 0.05
 _NEAR_PCT = 10.0
 _NEAR_FACTOR = 2.0
 
-Found = Mapping[tuple[str, int, Executive, str], Outcome]
+Outcomes = Mapping[tuple[str, int, Executive, str], CaseOutcome]
 
 
-def by_key(found: Sequence[Outcome]) -> Found:
+def by_key(found: Sequence[CaseOutcome]) -> Outcomes:
     """Index outcomes by case, approach, monitor and convention."""
     return {
         (outcome.case, outcome.approach, outcome.monitor, outcome.convention): outcome
@@ -40,26 +45,28 @@ def by_key(found: Sequence[Outcome]) -> Found:
     }
 
 
-def table2_cells(found: Found) -> Iterator[Cell]:
+def table2_cells(found: Outcomes) -> Iterator[Cell]:
     """A cell for each of the 64 percentages and 64 times of Table 2."""
     for case in CASES:
         for monitor in MONITORS:
-            for place, approach in enumerate(APPROACHES):
+            for index, approach in enumerate(APPROACHES):
                 keys = [(case.name, approach.number, monitor, way) for way in (JUDGED, LITERAL)]
                 item = f"Table 2, {case.name}, {monitor}, approach {approach.number}"
                 yield _percentage(
                     f"{item}: % detected",
-                    case.detection_pct[monitor][place],
+                    case.detection_pct[monitor][index],
                     *(found[key] for key in keys),
                 )
                 yield _time(
                     f"{item}: time to first detection, s",
-                    case.ttfd_s[monitor][place],
+                    case.ttfd_s[monitor][index],
                     *(found[key] for key in keys),
                 )
 
 
-def _percentage(item: str, printed: float | None, judged: Outcome, literal: Outcome) -> Cell:
+def _percentage(
+    item: str, printed: float | None, judged: CaseOutcome, literal: CaseOutcome
+) -> Cell:
     assert printed is not None
     low, high, _, _ = judged.limits()
     verdict = _verdict(
@@ -70,7 +77,7 @@ def _percentage(item: str, printed: float | None, judged: Outcome, literal: Outc
     return Cell(item, printed, judged.median_pct, low, high, verdict, reason)
 
 
-def _time(item: str, printed: float | None, judged: Outcome, literal: Outcome) -> Cell:
+def _time(item: str, printed: float | None, judged: CaseOutcome, literal: CaseOutcome) -> Cell:
     _, _, early, late = judged.limits()
     ours, other = judged.median_s, literal.median_s
     literally = "N/A" if other is None else f"{other:.1f} s"
@@ -109,15 +116,17 @@ def _verdict(inside: bool, near: bool) -> Verdict:
 
 def table1_cells(table: Mapping[str, Sequence[Any]]) -> Iterator[Cell]:
     """Decorrelation, mean and deviation of Table 1, and the correlations of Figs 7 and 8."""
-    fields = (("decorrelation_s", "the process's correlation time is chosen within the printed range"),
-              ("mean_mps2", "an input"),
-              ("std_mps2", "the slow mismatch is scaled to it; lost epochs are left out"),
-              ("correlation", "the level of the motion is set by it"))  # fmt: skip
-    for place, approach in enumerate(APPROACHES):
+    fields = (
+        ("decorrelation_s", "the process's correlation time is chosen within the printed range"),
+        ("mean_mps2", "an input"),
+        ("std_mps2", "the slow mismatch is scaled to it; lost epochs are left out"),
+        ("correlation", "the level of the motion is set by it"),
+    )
+    for index, approach in enumerate(APPROACHES):
         for name, basis in fields:
             printed = getattr(approach, name)
             if printed is not None:
-                low, high = (table[f"{name}_{end}"][place] for end in ("lo", "hi"))
+                low, high = (table[f"{name}_{end}"][index] for end in ("lo", "hi"))
                 where = f"Fig {6 + approach.number}" if name == "correlation" else "Table 1"
                 verdict: Verdict = (
                     "matches after calibration" if low <= printed <= high else "not reproduced"
@@ -125,7 +134,7 @@ def table1_cells(table: Mapping[str, Sequence[Any]]) -> Iterator[Cell]:
                 yield Cell(
                     f"{where}, approach {approach.number}: {name}",
                     printed,
-                    table[name][place],
+                    table[name][index],
                     low,
                     high,
                     verdict,
@@ -242,8 +251,8 @@ def flag_cells(flights: Mapping[int, Flights]) -> Iterator[Cell]:
         flight = flights[number]
         shown = spoofed(flight.gnss_mps2, cast(Spoofer, spoofer), delay_s)
         z, chi2 = flags(flight.phone_mps2 - shown, flight.start, JUDGED_STRIDE).counts()
-        most = (z if test == "mean difference" else chi2).max(axis=0)
-        low, middle, high = np.percentile(most, (2.5, 50, 97.5)).tolist()
+        largest = (z if test == "mean difference" else chi2).max(axis=0)
+        low, middle, high = np.percentile(largest, (2.5, 50, 97.5)).tolist()
         verdict: Verdict = (
             "matches after calibration" if low <= printed <= high else "not reproduced"
         )

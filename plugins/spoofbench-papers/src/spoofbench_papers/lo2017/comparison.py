@@ -20,39 +20,23 @@ from typing import Any
 import numpy as np
 from spoofbench_acceleration import AccelerationMonitor
 from spoofbench_acceleration.monitor import Axis, Origin
-from spoofbench_acceleration.statistics import exponential_average
 
 from spoofbench import codec
 from spoofbench.detector import detect
 from spoofbench.errors import SpoofbenchError
 from spoofbench.recording import Recording
+from spoofbench_papers.lo2017.recordings import agreement
 
 
 def comparison(monitor: AccelerationMonitor, recording: Recording) -> dict[str, Any]:
-    """Correlation of sensed and expected specific force, per epoch and averaged; mean and deviation
-    of the averaged difference.
-    """
-    compared = monitor.compare(recording)
-    time_s = (compared.time_ns - compared.time_ns[0]) * 1e-9
-    both = ~np.isnan(compared.sensed_mps2 + compared.expected_mps2)
-    sensed, expected = compared.sensed_mps2[both], compared.expected_mps2[both]
-    averages = [
-        exponential_average(time_s[both], x, monitor.averaging_s, monitor.averaging)[0]
-        for x in (sensed, expected)
-    ]
-    difference = averages[0] - averages[1]
-    decisions = detect(monitor, recording)
+    """Return what the monitor is told, how the two specific forces agree, and its alerts."""
     return {
         "axis": monitor.axis,
         "pitch": monitor.pitch,
         "from": monitor.acceleration_from,
         "lag_s": monitor.lag_s,
-        "epochs": int(both.sum()),
-        "correlation": float(np.corrcoef(sensed, expected)[0, 1]),
-        "averaged": float(np.corrcoef(averages[0], averages[1])[0, 1]),
-        "mean_mps2": float(difference.mean()),
-        "std_mps2": float(difference.std()),
-        "alerts": int(decisions.alert.sum()),
+        **agreement(monitor, recording),
+        "alerts": int(detect(monitor, recording).alert.sum()),
     }
 
 
@@ -96,10 +80,10 @@ def main() -> None:
         sys.stdout.write(json.dumps(rows) + "\n")
         return
     lines = [
-        "".join(f"{key:>12}" for key in rows[0]),
+        "".join(f"{key:>21}" for key in rows[0]),
         *(
             "".join(
-                f"{value:>12.4f}" if isinstance(value, float) else f"{value!s:>12}"
+                f"{value:>21.4f}" if isinstance(value, float) else f"{value!s:>21}"
                 for value in row.values()
             )
             for row in rows

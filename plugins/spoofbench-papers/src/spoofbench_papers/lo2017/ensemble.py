@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from spoofbench_acceleration.monitor import AccelerationMonitor
-from spoofbench_acceleration.statistics import Executive, Floats, chi_square, mean_difference
+from spoofbench_acceleration.statistics import Executive, chi_square, mean_difference
 
+from spoofbench.arrays import Bools, Floats, Ints
 from spoofbench_papers.lo2017.approach import CHOSEN, RATE_HZ
 
-Bools = NDArray[np.bool_]
 Spoofer = Literal["nominal", "zero", "repeat", "extrapolate", "extrapolate & smooth"]
 
 PAPER = AccelerationMonitor()
@@ -53,7 +52,7 @@ class Flags:
     mean_difference: Bools
     chi_square: Bools
 
-    def counts(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def counts(self) -> tuple[Ints, Ints]:
         """Flags of each test within the last 5 s, counted from the start of evaluation."""
         window = round(PAPER.window_s * RATE_HZ)
         return _moving_sum(self.mean_difference, window), _moving_sum(self.chi_square, window)
@@ -106,7 +105,7 @@ def _trailing_mean(values: Floats, steps: int) -> Floats:
     return means
 
 
-def _moving_sum(flagged: Bools, window: int) -> NDArray[np.int64]:
+def _moving_sum(flagged: Bools, window: int) -> Ints:
     sums = np.cumsum(flagged, axis=0, dtype=np.int64)
     sums[window:] -= sums[:-window].copy()
     return sums

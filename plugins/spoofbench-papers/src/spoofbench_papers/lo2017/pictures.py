@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from spoofbench_acceleration.statistics import Floats
 
+from spoofbench.arrays import Floats
 from spoofbench_papers.figures import new_figure, save_figure
 from spoofbench_papers.lo2017.approach import PHONE_HZ, RATE_HZ, Flights, stand_still
-from spoofbench_papers.lo2017.cells import JUDGED, JUDGED_STRIDE, LITERAL, Found
+from spoofbench_papers.lo2017.cells import JUDGED, JUDGED_STRIDE, LITERAL, Outcomes
 from spoofbench_papers.lo2017.ensemble import Flags, Spoofer, flags, spoofed
-from spoofbench_papers.lo2017.printed import CASES
-from spoofbench_papers.lo2017.tables import MONITORS, autocorrelation, crosscorrelation
+from spoofbench_papers.lo2017.tables import CASES, MONITORS, autocorrelation, crosscorrelation
 from spoofbench_papers.reproduction import Picture
 
 PHONE, GNSS, SPOOFER = "#3b6fb6", "#c8442e", "#222222"
@@ -25,7 +24,7 @@ _EXAMPLES: tuple[tuple[str, int, Spoofer, float], ...] = (
 )
 
 
-def draw(out: Path, flights: Mapping[int, Flights], found: Found) -> list[Picture]:
+def draw(out: Path, flights: Mapping[int, Flights], found: Outcomes) -> list[Picture]:
     """Write all pictures and say what they show."""
     _accelerations(out, flights)
     _correlations(out, flights)
@@ -259,14 +258,14 @@ def _dropout(out: Path, flight: Flights) -> None:
     save_figure(figure, out / "fig23")
 
 
-def _table(out: Path, found: Found) -> None:
+def _table(out: Path, found: Outcomes) -> None:
     """Printed percentage across, simulated up, one panel per monitor; a table on the diagonal would
     be the printed one.
     """
     figure, axes = new_figure(10.0, 5.0, columns=2)
     for panel, monitor in zip(axes, MONITORS, strict=True):
         panel.plot([0, 100], [0, 100], color="grey", lw=0.8)
-        for place, case in enumerate(CASES):
+        for index, case in enumerate(CASES):
             for way, marker in ((JUDGED, "o"), (LITERAL, "x")):
                 outcomes = [found[case.name, number, monitor, way] for number in (1, 2, 3, 4)]
                 printed: Sequence[Any] = case.detection_pct[monitor]
@@ -275,7 +274,7 @@ def _table(out: Path, found: Found) -> None:
                     printed,
                     medians,
                     marker,
-                    color=f"C{place}",
+                    color=f"C{index}",
                     ms=5,
                     label=case.name if way == JUDGED else None,
                 )
@@ -285,7 +284,7 @@ def _table(out: Path, found: Found) -> None:
                         printed,
                         [low for low, _ in ends],
                         [high for _, high in ends],
-                        color=f"C{place}",
+                        color=f"C{index}",
                         lw=0.8,
                     )
         panel.set_title(f"{monitor} monitor (o {JUDGED}, x {LITERAL})", fontsize=9)

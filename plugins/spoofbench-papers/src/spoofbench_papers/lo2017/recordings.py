@@ -31,7 +31,7 @@ _AIRCRAFT = AccelerationMonitor(lag_s=0.3)
 
 
 @dataclass(frozen=True, slots=True)
-class Log:
+class RealLog:
     """A recording, cut to what is judged, and how it is judged.
 
     Attributes:
@@ -48,7 +48,7 @@ class Log:
     window_s: float
 
 
-def logs(data: Path | None, with_drive: bool) -> tuple[list[Log], list[str]]:
+def logs(data: Path | None, with_drive: bool) -> tuple[list[RealLog], list[str]]:
     """Return the logs that are there, and a sentence on each that is not."""
     found, missing = [], []
     with TemporaryDirectory() as folder:
@@ -71,29 +71,42 @@ def logs(data: Path | None, with_drive: bool) -> tuple[list[Log], list[str]]:
     return found, missing
 
 
-def rows(log: Log) -> Iterator[dict[str, Any]]:
+def agreement(monitor: AccelerationMonitor, recording: Recording) -> dict[str, float]:
+    """Return how sensed and expected specific force of a recording agree.
+
+    Returns:
+        ``epochs`` at which both are known; ``correlation`` and ``correlation_averaged``, per epoch
+        and after the monitor's averaging; ``mean_mps2`` and ``std_mps2`` of the averaged
+        difference.
+    """
+    compared = monitor.compare(recording)
+    both = ~np.isnan(compared.sensed_mps2 + compared.expected_mps2)
+    time_s = (compared.time_ns[both] - compared.time_ns[0]) * 1e-9
+    sensed, expected = compared.sensed_mps2[both], compared.expected_mps2[both]
+    averages = [
+        exponential_average(time_s, values, monitor.averaging_s, monitor.averaging)[0]
+        for values in (sensed, expected)
+    ]
+    difference = averages[0] - averages[1]
+    return {
+        "epochs": int(both.sum()),
+        "correlation": float(np.corrcoef(sensed, expected)[0, 1]),
+        "correlation_averaged": float(np.corrcoef(averages[0], averages[1])[0, 1]),
+        "mean_mps2": float(difference.mean()),
+        "std_mps2": float(difference.std()),
+    }
+
+
+def rows(log: RealLog) -> Iterator[dict[str, Any]]:
     """Yield per monitor: correlations, difference, alerts of the clean log, and detection under two
     attacks in percent of their epochs.
     """
     for name, monitor in log.monitors.items():
-        compared = monitor.compare(log.recording)
-        both = ~np.isnan(compared.sensed_mps2 + compared.expected_mps2)
-        time_s = (compared.time_ns[both] - compared.time_ns[0]) * 1e-9
-        raw = [compared.sensed_mps2[both], compared.expected_mps2[both]]
-        averages = [
-            exponential_average(time_s, values, monitor.averaging_s, monitor.averaging)[0]
-            for values in raw
-        ]
-        difference = averages[0] - averages[1]
         yield {
             "recording": log.name,
             "monitor": name,
             "lag_s": monitor.lag_s,
-            "epochs": int(both.sum()),
-            "correlation": float(np.corrcoef(raw[0], raw[1])[0, 1]),
-            "correlation_averaged": float(np.corrcoef(averages[0], averages[1])[0, 1]),
-            "mean_mps2": float(difference.mean()),
-            "std_mps2": float(difference.std()),
+            **agreement(monitor, log.recording),
             "false_alert_pct": 100 * float(detect(monitor, log.recording).alert.mean()),
             "repeat_back_2s_pct": _detected(log, monitor, "repeat-back", RepeatBack()),
             "replay_s": log.replay_s,
@@ -153,7 +166,7 @@ def cells(table: Sequence[Mapping[str, Any]]) -> Iterator[Cell]:
                 )  # fmt: skip
 
 
-def _drive(folder: Path) -> Log:
+def _drive(folder: Path) -> RealLog:
     file = folder / "drive.mcap"
     convert(drive_bag(), file)
     monitors = {
@@ -161,10 +174,10 @@ def _drive(folder: Path) -> Log:
         "along_track, pitch": replace(_CAR, pitch=True),
         "vertical": replace(_CAR, axis="vertical"),
     }
-    return Log("drive", read(file), monitors, 300.0, 120.0)
+    return RealLog("drive", read(file), monitors, 300.0, 120.0)
 
 
-def _flight(file: Path, folder: Path) -> Log:
+def _flight(file: Path, folder: Path) -> RealLog:
     """The part of a flight between its first and last epoch faster than a model aircraft taxies."""
     converted = folder / f"{file.name}.mcap"
     convert(file, converted)
@@ -173,7 +186,7 @@ def _flight(file: Path, folder: Path) -> Log:
     flying = pvt.time_ns[np.hypot(pvt["vel_n_mps"], pvt["vel_e_mps"]) > _FLYING_MPS]
     monitors = {"vertical": _AIRCRAFT, "vertical, roll": replace(_AIRCRAFT, roll=True)}
     name = "PX4" if "px4" in file.name else "ArduPlane"
-    return Log(name, recording.between(int(flying[0]), int(flying[-1])), monitors, 60.0, 30.0)
+    return RealLog(name, recording.between(int(flying[0]), int(flying[-1])), monitors, 60.0, 30.0)
 
 
 def with_velocity(recording: Recording) -> Recording:
@@ -187,7 +200,9 @@ def with_velocity(recording: Recording) -> Recording:
     )
 
 
-def _detected(log: Log, monitor: AccelerationMonitor, name: str, attack: Attack) -> float | None:
+def _detected(
+    log: RealLog, monitor: AccelerationMonitor, name: str, attack: Attack
+) -> float | None:
     """Alerted share of the attacked epochs of windows drawn by seed, percent; None where the attack
     fits nowhere.
     """

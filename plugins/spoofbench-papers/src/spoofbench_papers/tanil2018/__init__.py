@@ -10,9 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from spoofbench_papers.assessment import draw_risk
 from spoofbench_papers.figures import save_table
 from spoofbench_papers.integrity import (
     Run,
@@ -24,10 +21,13 @@ from spoofbench_papers.integrity import (
     worst_case,
     worst_fault,
 )
-from spoofbench_papers.integrity.aircraft import altitude_autopilot, boeing_747
-from spoofbench_papers.integrity.closed_loop import Response, respond
-from spoofbench_papers.integrity.model import ALTITUDE
-from spoofbench_papers.reproduction import Picture, Progress, Reproduced
+from spoofbench_papers.integrity.closed_loop import (
+    Response,
+    altitude_autopilot,
+    boeing_747,
+    respond,
+)
+from spoofbench_papers.reproduction import Progress, Reproduced
 from spoofbench_papers.tanil2018 import pictures
 from spoofbench_papers.tanil2018.cells import cells
 
@@ -60,7 +60,7 @@ def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> 
     tables: dict[str, list[Mapping[str, Sequence[Any]]]] = {
         name: [] for name in ("fig3", "fig4", "fig6", "fig7", "late")
     }
-    for place, name in enumerate(SCENARIOS):
+    for number, name in enumerate(SCENARIOS):
         scenario = published(f"tanil2018-{name}")
         run = monitored(scenario, max(PERIODS_S))
         window = run.until(scenario.epochs(DETECTOR_WINDOW_S))
@@ -74,12 +74,12 @@ def reproduce(out: Path, data: Path | None, quick: bool, progress: Progress) -> 
         for done, (part, make) in enumerate(parts.items()):
             columns = make()
             tables[part].append({"scenario": [name] * len(next(iter(columns.values()))), **columns})
-            progress((place + (done + 1) / len(parts)) / len(SCENARIOS) * 0.95)
+            progress((number + (done + 1) / len(parts)) / len(SCENARIOS) * 0.95)
     joined = {name: _joined(parts) for name, parts in tables.items()}
     for name, table in joined.items():
         save_table(table, out / f"{name}.parquet")
     motion = _motion(published("tanil2018-C"))
-    return Reproduced(cells(joined, motion), _drawn(out, joined, motion), NOTES)
+    return Reproduced(cells(joined, motion), pictures.draw(out, joined, motion), NOTES)
 
 
 NOTES = (
@@ -152,64 +152,3 @@ def _motion(scenario: Scenario) -> dict[int, Response]:
 
 def _joined(parts: Sequence[Mapping[str, Sequence[Any]]]) -> dict[str, list[Any]]:
     return {name: [value for part in parts for value in part[name]] for name in parts[0]}
-
-
-def _drawn(
-    out: Path, tables: Mapping[str, Mapping[str, Sequence[Any]]], motion: Mapping[int, Response]
-) -> list[Picture]:
-    altitudes = {
-        period: (-r.state[:, ALTITUDE], -r.error[:, ALTITUDE]) for period, r in motion.items()
-    }
-    fig3 = {name: values[0] for name, values in tables["fig3"].items()}
-    pictures.failure_mode(out / "fig3", fig3, published("tanil2018-C"))
-    draw_risk(out / "fig4", tables["fig4"], ("period_s", "attack period, s"), ("rate_hz", "Hz"))
-    pictures.mirrored(out / "fig5", altitudes, published("tanil2018-C").rate_hz)
-    exact = _where(tables["fig6"], "method", "exact")
-    draw_risk(out / "fig6", exact, ("period_s", "attack period, s"), ("sigma_mm", "mm"))
-    pictures.samples(out / "fig6-samples", tables["fig6"])
-    draw_risk(out / "fig7", tables["fig7"], ("delay_s", "attack delay, s"), ("sigma_mm", "mm"))
-    return [
-        Picture(
-            "fig3",
-            (
-                "Fig 3, scenario C: the failure-mode slope, the worst-case fault (+) and lines of "
-                "constant joint density about it."
-            ),
-        ),
-        Picture(
-            "fig4", "Fig 4: integrity risk over the attack period, by GNSS rate; perfect tracking."
-        ),
-        Picture(
-            "fig5",
-            (
-                "Fig 5, scenario C: the aircraft's altitude and the error of its estimate mirror "
-                "each other; faults scaled to 10 m."
-            ),
-        ),
-        Picture(
-            "fig6",
-            (
-                "Fig 6: integrity risk over the attack period, by altitude tracking error (1 "
-                "sigma), averaged exactly; 2 Hz."
-            ),
-        ),
-        Picture(
-            "fig6-samples",
-            (
-                "What averaging over 20 samples does to Fig 6: log10 of the risk, sampled minus "
-                "exact, 140 s."
-            ),
-        ),
-        Picture(
-            "fig7",
-            (
-                "Fig 7: integrity risk over the attack's delay, by tracking error; the detector "
-                "starts 200 s before landing."
-            ),
-        ),
-    ]
-
-
-def _where(table: Mapping[str, Sequence[Any]], name: str, value: Any) -> dict[str, list[Any]]:
-    rows = np.flatnonzero(np.asarray(table[name]) == value).tolist()
-    return {column: [values[row] for row in rows] for column, values in table.items()}

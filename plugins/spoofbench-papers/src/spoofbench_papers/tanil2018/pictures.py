@@ -1,15 +1,19 @@
-"""The pictures of the reproductions."""
+"""The figures of Tanil et al. 2018, as ours come out."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from spoofbench.arrays import Floats
+from spoofbench_papers.assessment import draw_risk
 from spoofbench_papers.figures import new_figure, save_figure
-from spoofbench_papers.integrity import Scenario
+from spoofbench_papers.integrity import Scenario, published
+from spoofbench_papers.integrity.closed_loop import Response
+from spoofbench_papers.integrity.model import ALTITUDE
+from spoofbench_papers.reproduction import Picture
 
 Table = Mapping[str, Sequence[Any]]
 
@@ -51,10 +55,12 @@ def failure_mode(path: Path, worst: Mapping[str, float], scenario: Scenario) -> 
 
 def mirrored(
     path: Path,
-    altitudes: Mapping[int, tuple[NDArray[np.float64], NDArray[np.float64]]],
+    altitudes: Mapping[int, tuple[Floats, Floats]],
     rate_hz: float,
 ) -> None:
-    """Draw altitude and its estimate's error, one panel per attack period (Fig 5)."""
+    """Draw altitude and its estimate's error (m, ``(epochs,)`` each), one panel per attack period
+    (Fig 5).
+    """
     figure, axes = new_figure(9.0, 3.4, columns=len(altitudes))
     for panel, (period, (state, error)) in zip(np.atleast_1d(axes), altitudes.items(), strict=True):
         time = np.arange(state.size) / rate_hz
@@ -100,3 +106,65 @@ def samples(path: Path, table: Table) -> None:
     axes.set_ylabel("decades, sampled minus exact")
     axes.legend(fontsize=8)
     save_figure(figure, path)
+
+
+def draw(
+    out: Path, tables: Mapping[str, Mapping[str, Sequence[Any]]], motion: Mapping[int, Response]
+) -> list[Picture]:
+    """Draw Figs 3 to 7 into a folder: tables by name, the closed loop's motion by period (s)."""
+    altitudes = {
+        period: (-r.state[:, ALTITUDE], -r.error[:, ALTITUDE]) for period, r in motion.items()
+    }
+    fig3 = {name: values[0] for name, values in tables["fig3"].items()}
+    failure_mode(out / "fig3", fig3, published("tanil2018-C"))
+    draw_risk(out / "fig4", tables["fig4"], ("period_s", "attack period, s"), ("rate_hz", "Hz"))
+    mirrored(out / "fig5", altitudes, published("tanil2018-C").rate_hz)
+    exact = _where(tables["fig6"], "method", "exact")
+    draw_risk(out / "fig6", exact, ("period_s", "attack period, s"), ("sigma_mm", "mm"))
+    samples(out / "fig6-samples", tables["fig6"])
+    draw_risk(out / "fig7", tables["fig7"], ("delay_s", "attack delay, s"), ("sigma_mm", "mm"))
+    return [
+        Picture(
+            "fig3",
+            (
+                "Fig 3, scenario C: the failure-mode slope, the worst-case fault (+) and lines of "
+                "constant joint density about it."
+            ),
+        ),
+        Picture(
+            "fig4", "Fig 4: integrity risk over the attack period, by GNSS rate; perfect tracking."
+        ),
+        Picture(
+            "fig5",
+            (
+                "Fig 5, scenario C: the aircraft's altitude and the error of its estimate mirror "
+                "each other; faults scaled to 10 m."
+            ),
+        ),
+        Picture(
+            "fig6",
+            (
+                "Fig 6: integrity risk over the attack period, by altitude tracking error (1 "
+                "sigma), averaged exactly; 2 Hz."
+            ),
+        ),
+        Picture(
+            "fig6-samples",
+            (
+                "What averaging over 20 samples does to Fig 6: log10 of the risk, sampled minus "
+                "exact, 140 s."
+            ),
+        ),
+        Picture(
+            "fig7",
+            (
+                "Fig 7: integrity risk over the attack's delay, by tracking error; the detector "
+                "starts 200 s before landing."
+            ),
+        ),
+    ]
+
+
+def _where(table: Mapping[str, Sequence[Any]], name: str, value: Any) -> dict[str, list[Any]]:
+    rows = np.flatnonzero(np.asarray(table[name]) == value).tolist()
+    return {column: [values[row] for row in rows] for column, values in table.items()}
