@@ -89,7 +89,7 @@ class Addresses:
         return self._with_numbers(sentences, code, reason.copy(), talker)
 
     def reason(self, text: str) -> int:
-        """Return the place of a reason; the 65th and later ones share one."""
+        """Return the index of a reason; the 65th and later ones share one."""
         if text not in self.reasons:
             if len(self.reasons) > _MAX_REASONS:
                 return _MAX_REASONS
@@ -170,11 +170,11 @@ class SentenceBatch:
     """Sentences in file order.
 
     Attributes:
-        frames: by sentence ``offset used receive_time_ns``, ``code`` of the type, place of the
+        frames: by sentence ``offset used receive_time_ns``, ``code`` of the type, index of the
             ``talker``, ``tod_ns`` and ``tod_places``, ``lat_deg lon_deg`` and the ``message``
             number of a GSV.
         tables: by type of sentence, and of satellites by ``VIEW``, ``USE`` and ``RESIDUAL``: what
-            the sentences say; ``frame`` is the place of the sentence in ``frames``, not decreasing.
+            the sentences say; ``frame`` is the index of the sentence in ``frames``, not decreasing.
     """
 
     frames: Columns
@@ -199,7 +199,7 @@ class SentenceBatch:
         return SentenceBatch(take(self.frames, kept), tables)
 
     def split(self, index: int) -> tuple["SentenceBatch", "SentenceBatch"]:
-        """Return the sentences before a place, and the others."""
+        """Return the sentences before an index, and the others."""
         head, tail = {}, {}
         for name, table in self.tables.items():
             row = int(np.searchsorted(table["frame"], index))

@@ -28,7 +28,7 @@ from spoofbench_converters.serial.contract import ABSENT_NS
 MAX_SENTENCES = 8_192  # of one epoch: more make epochs without a time
 
 _SENDING_NS = 100_000_000
-_STANDS = 3  # moves without a tick that tell of a clock that stands
+_STANDS = 3  # moves without a tick that show a clock that stands
 _CLEAR_GAP = 2  # a gap this many times the next longest one separates bursts
 _REPEATING = np.isin(READ, ("GGA", "RMC", "GLL", "GNS", "ZDA", "PUBX00"))
 _CLOCKS = np.isin(READ, ("ZDA", "PUBX04"))
@@ -37,7 +37,7 @@ _GSV, _GSA, _VTG = CODES["GSV"], CODES["GSA"], CODES["VTG"]
 
 @dataclass(frozen=True, slots=True)
 class ReceiverTraits:
-    """What the start of a log tells of a receiver.
+    """What the start of a log shows of a receiver.
 
     Attributes:
         gsv_first: the log began with a GSV sentence.
@@ -89,7 +89,7 @@ class Division:
     fine: Bools
 
     def before(self, index: int, start: PreviousTimes) -> PreviousTimes:
-        """What came before the sentence at a place."""
+        """What came before the sentence at an index."""
         timed = np.flatnonzero(self.tod_ns[:index] != ABSENT_NS)
         fine = timed[self.fine[timed]]
         return PreviousTimes(
@@ -135,7 +135,7 @@ def open_within_bounds(
 
     Args:
         frames: the receiver's sentences.
-        places: int64 ``(n,)``, their places among all.
+        indices: int64 ``(n,)``, their indices among all.
         size: how many there are of all.
         before: what came before the first.
         habits: of the receiver.

@@ -40,7 +40,7 @@ class FieldCells:
         return self.at(0)
 
     def at(self, index: int) -> Octets:
-        """The character at a place of each, 0 beyond its end; uint8 ``(n,)``."""
+        """The character at an index of each, 0 beyond its end; uint8 ``(n,)``."""
         if not self.octets.size:
             return np.zeros(self.begin.size, np.uint8)
         found = self.octets.take(self.begin + index, mode="clip")

@@ -260,7 +260,7 @@ def _among(keys: Ints, known: Ints) -> Bools:
 
 def _residuals(view: Columns, tables: Mapping[str, Columns]) -> NDArray[np.float32]:
     """Residuals of GRS: the nth of a sentence is of the nth satellite in the GSA of the same
-    system, or of the same place.
+    system, or at the same index.
     """
     residuals = np.full(view["epoch"].size, np.nan, np.float32)
     if RESIDUAL not in tables or USE not in tables:
@@ -288,7 +288,7 @@ def _residuals(view: Columns, tables: Mapping[str, Columns]) -> NDArray[np.float
 
 def _sentence_keys(table: Columns) -> Ints:
     """A number that is the same for the GSA and the GRS of one epoch and system; without a system,
-    of the same place among them.
+    of the same index among them.
     """
     epoch = table["epoch"]
     index = np.arange(epoch.size) - np.searchsorted(epoch, epoch, "left")

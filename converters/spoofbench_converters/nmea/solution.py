@@ -45,7 +45,7 @@ _POSITIONS = ("GGA", "GNS", "PUBX00", "RMC", "GLL")
 _TIMES = ("RMC", "GGA", "GNS", "GLL", "PUBX00", "GST", "GBS", "GRS", "ZDA", "PUBX04")
 _DATES = ("RMC", "ZDA", "PUBX04")
 
-_PLAIN = 99  # a fix of the dimension that GSA or the height tells
+_PLAIN = 99  # a fix of the dimension that GSA or the height gives
 _OF_QUALITY = {
     1: _PLAIN,
     2: enums.FIX_TYPE_DIFFERENTIAL,
@@ -219,8 +219,8 @@ class Solution:
             column, meaning = _TELLS[name]
             found = _look_up(table[column], meaning)
             found = np.where(found == _PLAIN, plain[table["epoch"]], found)
-            tells = (found >= 0) & self._fix[table["epoch"]] & self._usable(name)
-            fix[table["epoch"][tells]] = found[tells]
+            known = (found >= 0) & self._fix[table["epoch"]] & self._usable(name)
+            fix[table["epoch"][known]] = found[known]
         return fix.astype(np.int32)
 
     def _present(self, names: Sequence[str]) -> list[str]:

@@ -34,8 +34,8 @@ _LF, _CR, _COMMA = b"\n\r,"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """What a piece of a log holds: frames by protocol and rejects, and the offset in the log up to
-    which all is told.
+    """What a piece of a log holds: frames by protocol, rejects, and the offset in the log up to
+    which every byte is accounted for.
     """
 
     ubx: Frames
@@ -179,10 +179,10 @@ def _behind(octets: Octets, ends: Ints, timestamps: HostTimestamps) -> tuple[Int
     odd = np.flatnonzero((last < octets.size) & ((last == ends) | (octets[following] == _COMMA)))
     if odd.size:
         line_stops = _stops(octets, last[odd])
-        understood, told = timestamps.after(octets, last[odd], line_stops)
-        understood &= (last[odd] == ends[odd]) | (told != ABSENT_NS)
+        understood, found = timestamps.after(octets, last[odd], line_stops)
+        understood &= (last[odd] == ends[odd]) | (found != ABSENT_NS)
         last[odd[understood]] = framing.line_ends(octets, line_stops[understood])
-        times[odd[understood]] = told[understood]
+        times[odd[understood]] = found[understood]
     return last, times
 
 
@@ -198,16 +198,16 @@ def _ahead(
     if odd.size:
         breaks = np.append(-1, np.flatnonzero((octets == _LF) | (octets == _CR)))
         begins = np.maximum(before[odd], breaks[np.searchsorted(breaks, starts[odd]) - 1] + 1)
-        understood, told = timestamps.before(octets, begins, starts[odd])
+        understood, found = timestamps.before(octets, begins, starts[odd])
         understood &= (begins > 0) | start.of_line | start.after_frame
-        first[odd[understood]], times[odd[understood]] = begins[understood], told[understood]
+        first[odd[understood]], times[odd[understood]] = begins[understood], found[understood]
     return first, times
 
 
-def _stops(octets: Octets, places: Ints) -> Ints:
+def _stops(octets: Octets, offsets: Ints) -> Ints:
     """Return where the line of each offset ends, line end excluded."""
     breaks = np.append(np.flatnonzero((octets == _LF) | (octets == _CR)), octets.size)
-    return breaks[np.searchsorted(breaks, places)]
+    return breaks[np.searchsorted(breaks, offsets)]
 
 
 def _rejects(

@@ -181,7 +181,7 @@ def _crc_agrees(octets: Octets, starts: Ints, ends: Ints) -> Bools:
 
 @cache
 def _crc_terms() -> NDArray[np.uint32]:
-    """Return what each byte value adds to the remainder at each place of a window, uint32
+    """Return what each byte value adds to the remainder at each offset of a window, uint32
     ``(window, 256)``.
     """
     by_byte = np.arange(256, dtype=np.uint32) << 16
@@ -233,14 +233,14 @@ def line_ends(octets: Octets, ends: Ints) -> Ints:
 
 
 def _at(octets: Octets, offsets: Ints) -> Octets:
-    """Return the bytes at these places, zeros beyond the end."""
+    """Return the bytes at these offsets, zeros beyond the end."""
     return np.where(
         offsets < octets.size, octets[np.minimum(offsets, octets.size - 1)], np.uint8(0)
     )
 
 
 def _next(marks: Ints, offsets: Ints, none: int) -> Ints:
-    """Return the first mark after each place."""
+    """Return the first mark after each offset."""
     return np.append(marks, none)[np.searchsorted(marks, offsets)]
 
 

@@ -161,7 +161,7 @@ class RejectedBytes:
         self._ends: list[Ints] = []
 
     def take(self, rejects: Rejects) -> Rejects:
-        """Note rejects whose places are known, and return them."""
+        """Note rejects whose bytes are known, and return them."""
         self._starts.append(rejects.offsets)
         self._ends.append(rejects.offsets + rejects.lengths)
         return rejects

@@ -16,7 +16,7 @@ from spoofbench_converters.ubx.grouping import Grouper
 from spoofbench_converters.ubx.inertial import TICK_BASIS, UbxSensors
 from spoofbench_converters.ubx.receiver import Device
 from spoofbench_converters.ubx.solution import Solutions
-from spoofbench_converters.ubx.times import TimeReader
+from spoofbench_converters.ubx.times import EpochTimeReader
 
 _CONFLICTS, _CONFLICT_SHARE = 20, 0.05
 
@@ -34,7 +34,7 @@ class UbxDecoder:
     def __init__(self) -> None:
         self._buffer = FrameBuffer.none()
         self._grouper = Grouper()
-        self._time_reader, self._device, self._sensors = TimeReader(), Device(), UbxSensors()
+        self._time_reader, self._device, self._sensors = EpochTimeReader(), Device(), UbxSensors()
         self._solutions = {"NAV": Solutions(), "NAV2": Solutions()}
         self._integrity = receiver.Integrity()
         self._emitted = 0  # epochs
@@ -104,7 +104,7 @@ class UbxDecoder:
         return Epochs(opened, times.claimed_ns, times.period_ns, received, used, rows), rejects
 
     def about(self) -> Mapping[str, Mapping[str, str]]:
-        """Return, by source, what the messages tell of it; after :meth:`finish`."""
+        """Return, by source, what the messages report of it; after :meth:`finish`."""
         about: dict[str, dict[str, str]] = {source: {} for source in sorted(self._sources)}
         for source in about:
             about[source] |= {

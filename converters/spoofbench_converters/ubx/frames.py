@@ -44,10 +44,10 @@ class FrameBuffer:
 
     Attributes:
         octets: uint8 ``(n,)``, which holds at least these frames.
-        number: place of the message in ``MESSAGES``.
+        number: index of the message in ``MESSAGES``.
         start, size: of the payload in ``octets``.
         offset, used, receive_time_ns: as in :class:`Frames`.
-        time_ms: time of week that the frame tells, -1 where none.
+        time_ms: time of week that the frame bears, -1 where none.
         epoch: running number of its epoch.
     """
 
@@ -169,7 +169,7 @@ def accept(frames: Frames) -> tuple[FrameBuffer, list[Rejects]]:
 
 def _length_is_known(octets: Octets, start: Ints, size: Ints, number: Ints) -> Bools:
     """Whether each payload's length is one of its message's, and agrees with the number of blocks
-    that it tells.
+    that it gives.
     """
     base, block = _BASE[number], _BLOCK[number]
     fixed = block == 0
@@ -186,8 +186,8 @@ def _length_is_known(octets: Octets, start: Ints, size: Ints, number: Ints) -> B
 
 
 def _measurements(head: Octets, size: Ints) -> Bools:
-    """ESF-MEAS tells the number of data and whether a time tag follows them; before u-blox M8 it
-    told no number.
+    """ESF-MEAS gives the number of data and whether a time tag follows them; before u-blox M8 it
+    gave no number.
     """
     flags = head[:, 4].astype(np.int64) | head[:, 5].astype(np.int64) << 8
     reported, tagged = flags >> 11, flags >> 3 & 1
@@ -195,7 +195,7 @@ def _measurements(head: Octets, size: Ints) -> Bools:
 
 
 def _security(head: Octets, size: Ints) -> Bools:
-    """SEC-SIG is 12 bytes in version 1; version 2 tells its number of blocks."""
+    """SEC-SIG is 12 bytes in version 1; version 2 gives its number of blocks."""
     return np.asarray(
         ((head[:, 0] == 1) & (size == 12)) | ((head[:, 0] == 2) & (head[:, 3] == (size - 4) // 4))
     )

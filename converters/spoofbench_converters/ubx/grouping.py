@@ -27,11 +27,11 @@ _RAW_AFTER_MS, _RAW_BEFORE_MS, _HIGH_RATE_MS = 5, 40, 2_000
 
 
 @dataclass(slots=True)
-class _Open:
+class _OpenEpoch:
     """An epoch that a later frame may still join."""
 
     time_ms: int
-    raw: bool  # only raw measurements told the time
+    raw: bool  # only raw measurements bore a time
     first_run: int
     epoch: int
 
@@ -59,10 +59,10 @@ class Grouper:
         self._filled = 0  # bytes of the run under way
         self._navigation_ms = -1  # time of the last navigation message
         self._anchor: tuple[int, bool] | None = (
-            None  # time of the last frame that told one, and whether it was raw
+            None  # time of the last frame that bore one, and whether it was raw
         )
-        self._leading = True  # no frame has told a time yet
-        self._open = [_Open(-1, True, 0, 0)]
+        self._leading = True  # no frame has borne a time yet
+        self._open = [_OpenEpoch(-1, True, 0, 0)]
         self._current = self._open[0]  # the epoch of the run under way
         self._latest = 0  # the latest epoch begun
 
@@ -80,37 +80,41 @@ class Grouper:
         """Return the epoch of each frame, int64 ``(k,)``."""
         if not buffer.number.size:
             return buffer.epoch
-        tells, raw, times = self._anchors(ROLES[buffer.number], buffer.time_ms)
-        begins = self._begins(tells, raw, times)
-        self._cut(begins, tells, buffer.used)
+        decides, raw, times = self._anchors(ROLES[buffer.number], buffer.time_ms)
+        begins = self._begins(decides, raw, times)
+        self._cut(begins, decides, buffer.used)
         runs = self._run + np.cumsum(begins)
-        epochs = self._epochs(runs, tells, raw, times)
+        epochs = self._epochs(runs, decides, raw, times)
         epoch = epochs[runs - self._run]
         latest = np.maximum(np.maximum.accumulate(epoch), self._latest)
         self._run, self._latest = int(runs[-1]), int(latest[-1])
         self._open = [group for group in self._open if group.first_run >= self._run - LATE_RUNS]
-        return np.where(tells | (ROLES[buffer.number] == Role.RAW), epoch, latest)
+        return np.where(decides | (ROLES[buffer.number] == Role.RAW), epoch, latest)
 
-    def _anchors(self, roles: Ints, told: Ints) -> tuple[Bools, Bools, Ints]:
+    def _anchors(self, roles: Ints, time_ms: Ints) -> tuple[Bools, Bools, Ints]:
         """Which frames decide on their epoch, which of them are raw, and the time that they bear,
         in ms.
         """
         navigation = roles == Role.NAV
-        last = forward_fill(told, navigation, self._navigation_ms)
+        last = forward_fill(time_ms, navigation, self._navigation_ms)
         self._navigation_ms = int(last[-1])
-        apart = np.where(last >= 0, _apart(told, last), WEEK_MS)
-        raw = (roles == Role.RAW) & (told >= 0) & (apart > _RAW_AFTER_MS)
+        apart = np.where(last >= 0, _apart(time_ms, last), WEEK_MS)
+        raw = (roles == Role.RAW) & (time_ms >= 0) & (apart > _RAW_AFTER_MS)
         high_rate = (roles == Role.HIGH_RATE) & (apart > _HIGH_RATE_MS)
-        return navigation | raw | high_rate, raw, np.where(high_rate, told // 1000 * 1000, told)
+        return (
+            navigation | raw | high_rate,
+            raw,
+            np.where(high_rate, time_ms // 1000 * 1000, time_ms),
+        )
 
-    def _begins(self, tells: Bools, raw: Bools, times: Ints) -> Bools:
+    def _begins(self, decides: Bools, raw: Bools, times: Ints) -> Bools:
         """Which frames begin a run, because they bear another time than the one before that bore
         one.
         """
-        begins = np.zeros(tells.size, bool)
-        if not tells.any():
+        begins = np.zeros(decides.size, bool)
+        if not decides.any():
             return begins
-        now, now_raw = times[tells], raw[tells]
+        now, now_raw = times[decides], raw[decides]
         before_ms, before_raw = self._anchor or (-1, False)
         before = np.concatenate([[before_ms], now[:-1]])
         before_is_raw = np.concatenate([[before_raw], now_raw[:-1]])
@@ -122,11 +126,11 @@ class Grouper:
         )
         if self._anchor is None:
             same[0] = self._leading
-        begins[tells] = ~same
+        begins[decides] = ~same
         self._anchor, self._leading = (int(now[-1]), bool(now_raw[-1])), False
         return begins
 
-    def _cut(self, begins: Bools, tells: Bools, size: Ints) -> None:
+    def _cut(self, begins: Bools, decides: Bools, size: Ints) -> None:
         """Begin further runs within those that are too large; mark them in ``begins``."""
         before = np.cumsum(size) - size
         edges = np.concatenate([[0], np.flatnonzero(begins), [size.size]])
@@ -136,7 +140,7 @@ class Grouper:
             while (cut := int(np.searchsorted(before[:end], origin + RUN_BYTES))) < end:
                 begins[cut] = True
                 origin = int(before[cut])
-                later = cut + np.flatnonzero(tells[cut:end])
+                later = cut + np.flatnonzero(decides[cut:end])
                 if later.size:
                     begins[later[0]] = True
                     origin = int(before[later[0]])
@@ -146,13 +150,13 @@ class Grouper:
         total = int(before[-1] + size[-1])
         self._filled = total - int(before[last[-1]]) if last.size else total + self._filled
 
-    def _epochs(self, runs: Ints, tells: Bools, raw: Bools, times: Ints) -> Ints:
+    def _epochs(self, runs: Ints, decides: Bools, raw: Bools, times: Ints) -> Ints:
         """Return the epoch of each run from the one under way on."""
         count = int(runs[-1]) - self._run + 1
-        telling = np.flatnonzero(tells)
+        deciding = np.flatnonzero(decides)
         first, last = np.full(count, -1), np.full(count, -1)
-        last[runs[telling] - self._run] = telling
-        first[runs[telling[::-1]] - self._run] = telling[::-1]
+        last[runs[deciding] - self._run] = deciding
+        first[runs[deciding[::-1]] - self._run] = deciding[::-1]
         begin_ms, end_ms = (
             np.where(first >= 0, times[first], -1),
             np.where(last >= 0, times[last], -1),
@@ -170,22 +174,22 @@ class Grouper:
                 epochs[stretch] = latest + 1 + np.arange(stretch.size)
                 latest = int(epochs[stretch[-1]])
                 self._open += [
-                    _Open(
-                        int(end_ms[place]),
-                        bool(end_raw[place]),
-                        self._run + place,
-                        int(epochs[place]),
+                    _OpenEpoch(
+                        int(end_ms[index]),
+                        bool(end_raw[index]),
+                        self._run + index,
+                        int(epochs[index]),
                     )
-                    for place in stretch[-LATE_RUNS - 1 :].tolist()
+                    for index in stretch[-LATE_RUNS - 1 :].tolist()
                 ]
                 self._current = self._open[-1]
                 continue
-            for place in stretch.tolist():
+            for index in stretch.tolist():
                 latest = self._join(
-                    self._run + place, int(begin_ms[place]), bool(begin_raw[place]), latest
+                    self._run + index, int(begin_ms[index]), bool(begin_raw[index]), latest
                 )
-                self._current.learn(int(end_ms[place]), bool(end_raw[place]))
-                epochs[place] = self._current.epoch
+                self._current.learn(int(end_ms[index]), bool(end_raw[index]))
+                epochs[index] = self._current.epoch
         return epochs
 
     def _join(self, run: int, time_ms: int, raw: bool, latest: int) -> int:
@@ -194,14 +198,14 @@ class Grouper:
         match = next((group for group in self._open if group.takes(time_ms, raw)), None)
         if match is None:
             latest += 1
-            match = _Open(time_ms, raw, run, latest)
+            match = _OpenEpoch(time_ms, raw, run, latest)
             self._open.append(match)
         self._current = match
         return latest
 
 
 def _recent(times: Ints) -> Ints:
-    """Return the largest time before each place, of as many as can still matter."""
+    """Return the largest time before each index, of as many as can still matter."""
     largest = np.full(times.size, -1)
     for back in range(1, 2 * LATE_RUNS + 1):
         largest[back:] = np.maximum(largest[back:], times[:-back])

@@ -1,4 +1,4 @@
-"""What the receiver tells of itself: clock, front end, its word on jamming and spoofing, time
+"""What the receiver reports of itself: clock, front end, its word on jamming and spoofing, time
 marks, and metadata.
 """
 
@@ -64,7 +64,7 @@ def clock(batch: EpochBatch, system: str, source: str) -> list[EpochRows]:
 def front_end(batch: EpochBatch, source: str) -> list[EpochRows]:
     """Return ``gnss/rf`` rows, one per block of MON-RF, one per MON-HW in epochs without MON-RF.
 
-    The AGC count is told as a share of 8191, the jamming indicator of 255 (UBX-MON-RF, agcCnt and
+    The AGC count is given as a share of 8191, the jamming indicator of 255 (UBX-MON-RF, agcCnt and
     jamInd). Block 0 is the L1 band; which band others are depends on the product, so they are named
     by their number.
     """
@@ -113,9 +113,9 @@ class Integrity:
     """Makes ``gnss/integrity`` rows: of SEC-SIG and SEC-SIGLOG, and until a log has SEC-SIG, one
     per epoch of older messages.
 
-    SEC-SIG tells spoofing (spoofingState: 1 none, 2 indicated, 3 affirmed) and jamming
+    SEC-SIG reports spoofing (spoofingState: 1 none, 2 indicated, 3 affirmed) and jamming
     (jammingState: 1 none, 2 indicated with the fix still good, 3 no reliable fix), unknown while
-    its detection is off. Older receivers tell spoofing by NAV-STATUS (spoofDetState: 1 none, 2
+    its detection is off. Older receivers report spoofing by NAV-STATUS (spoofDetState: 1 none, 2
     indicated, 3 several indications) and jamming by MON-RF or MON-HW (jammingState, of which the
     worst band's counts); receivers with SEC-SIG leave these at 0. 0 is unknown throughout.
 
@@ -282,7 +282,7 @@ class Device:
         return self._modes["fusing"] > 0
 
     def read(self, batch: EpochBatch) -> None:
-        """Take what a batch tells."""
+        """Take what a batch reports."""
         self._version(batch)
         self._alignment(batch)
         self._status(batch)

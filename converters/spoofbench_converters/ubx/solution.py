@@ -1,6 +1,6 @@
-"""Navigation solutions: one ``gnss/pvt`` row per epoch, from all messages that tell of it.
+"""Navigation solutions: one ``gnss/pvt`` row per epoch, from all messages that report it.
 
-Where several messages tell the same, the most exact comes first: NAV-HPPOSLLH, -PVT, -PVAT,
+Where several messages report the same, the most exact comes first: NAV-HPPOSLLH, -PVT, -PVAT,
 -POSLLH, then the earth-centred ones. NAV2 messages are the second solution of one receiver, without
 inertial sensors.
 """
@@ -190,7 +190,7 @@ def _geodetic(fields: EpochColumns, frames: dict[str, MessageFrames]) -> None:
 
 
 def _earth_centred(fields: EpochColumns, frames: dict[str, MessageFrames]) -> None:
-    """Take positions in cm and velocities in cm/s, earth-centred, where no message tells them
+    """Take positions in cm and velocities in cm/s, earth-centred, where no message reports them
     otherwise.
     """
     for name in ("HPPOSECEF", "SOL", "POSECEF"):

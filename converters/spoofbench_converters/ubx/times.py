@@ -48,8 +48,8 @@ class EpochTimes:
     time_ms: Ints
 
 
-class TimeReader:
-    """Reads epochs' times; remembers the last leap seconds told."""
+class EpochTimeReader:
+    """Reads epochs' times; remembers the last leap seconds reported."""
 
     def __init__(self) -> None:
         self.leap_s: int | None = None
@@ -58,14 +58,14 @@ class TimeReader:
         """Return the claims of a batch.
 
         UTC where it is valid and fully resolved; else week and time of week, less the leap seconds
-        last told by the receiver or else announced by then; else time of week, or time of day. None
-        where messages say that it is not valid.
+        last reported by the receiver or else announced by then; else time of week, or time of day.
+        None where messages say that it is not valid.
         """
         return _TimeReading(batch, self).claims()
 
 
 class _TimeReading:
-    def __init__(self, batch: EpochBatch, reader: TimeReader) -> None:
+    def __init__(self, batch: EpochBatch, reader: EpochTimeReader) -> None:
         count = batch.count
         self.batch, self.reader = batch, reader
         self.time_ms = _times(batch)
@@ -197,7 +197,7 @@ class _TimeReading:
         )
 
     def _carried_leaps(self) -> Ints:
-        """Return the leap seconds last told up to each epoch, -1 where none, and remember the
+        """Return the leap seconds last reported up to each epoch, -1 where none, and remember the
         last.
         """
         before = -1 if self.reader.leap_s is None else self.reader.leap_s
