@@ -157,14 +157,21 @@ class RowBuffer:
         """Return the rows of these numbers, and hold the others alone: refused ones may be many."""
         taken, gone = [], np.zeros(len(self._held), bool)
         for numbered in (ready, refused):
-            index = np.searchsorted(self._numbers, numbered.get("number", np.empty(0, np.int64)))
-            gone[index] = True
-            taken.append(self._held.take(_contiguous(index)))
+            rows = _contiguous(self._index(numbered.get("number", np.empty(0, np.int64))))
+            gone[rows] = True
+            taken.append(self._held.take(rows))
         if gone.any():
             left = _contiguous(np.flatnonzero(~gone))
             self._held = _without_idle_categories(self._held.take(left))
             self._numbers = self._numbers[left]
         return taken[0], taken[1]
+
+    def _index(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return where the rows of these running numbers are held."""
+        held = self._numbers
+        if held.size and held[-1] - held[0] == held.size - 1:
+            return np.asarray(numbers - held[0])
+        return np.searchsorted(held, numbers)
 
 
 def _contiguous(index: NDArray[np.int64]) -> slice | NDArray[np.int64]:
