@@ -132,7 +132,7 @@ class NmeaDecoder:
 
 def tell_apart(frames: Columns, talkers: Sequence[str]) -> dict[str, int]:
     """Return the receiver, 0 being the first, of each talker that has position sentences among
-    these; talkers of GNSS come first.
+    ``n`` sentences, whose columns are ``(n,)``; talkers of GNSS come first.
 
     Talkers are one receiver unless their position sentences contradict each other: times that go
     back and forth between them, or other positions at one time, in at least three and a fifth of

@@ -49,7 +49,7 @@ class ReceiverTraits:
 
     @classmethod
     def of(cls, frames: Columns) -> Self:
-        """Judge by a receiver's first sentences."""
+        """Judge by the columns ``(n,)`` of a receiver's first sentences."""
         if not frames["code"].size:
             return cls()
         repeating = np.flatnonzero(_REPEATING[frames["code"]])

@@ -90,7 +90,7 @@ _CONSTELLATION, _SVID, _SIGNAL = _tables()
 
 
 def of_talkers(talkers: list[str]) -> Ints:
-    """The constellation that each talker names, 0 for none; int64 ``(len(talkers),)``."""
+    """Return the constellation that each of ``t`` talkers names, 0 for none; int64 ``(t,)``."""
     return np.array([_OF_TALKER.get(talker, 0) for talker in talkers], np.int64)
 
 

@@ -3,7 +3,8 @@ Unicore interface descriptions.
 
 Of a value that several sentences may give, ``<name>_step`` is the resolution of the text in the
 unit of the value, so that the finest one can be chosen; infinite where absent. ``tod_ns`` is time
-of day, ``ABSENT_NS`` where the sentence has none. Letters are characters, 0 where absent.
+of day, ``ABSENT_NS`` where the sentence has none. Letters are characters, 0 where absent. Of ``n``
+sentences every column is ``(n,)``.
 """
 
 from collections.abc import Callable, Mapping

@@ -193,8 +193,8 @@ _SVIDS = 1_024
 
 
 def signal_rows(view: Columns, tables: Mapping[str, Columns]) -> dict[str, Any]:
-    """Return the columns of ``gnss/signal`` of satellites in view; the tables are those of the same
-    receiver.
+    """Return the columns ``(n,)`` of ``gnss/signal`` of ``n`` satellites in view; the tables are
+    those of the same receiver.
     """
     constellation, svid, signal = view["constellation"], view["svid"], view["signal"]
     used = np.where(view["used"] == UNKNOWN, _used(view, tables), view["used"])
