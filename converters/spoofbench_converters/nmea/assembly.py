@@ -234,7 +234,6 @@ class _ReceiverSentences:
     Attributes:
         indices: int64 ``(k,)``, of its sentences in the batch.
         frames: their columns.
-        local: int64 ``(k,)``, the epoch of each among the receiver's own.
         opening: int64 ``(m,)``, which of them open its epochs.
         at: int64 ``(m,)``, the epochs of the batch that its own fall in.
         tables: by type, what they say, with the receiver's ``epoch`` of each row.
@@ -247,11 +246,10 @@ class _ReceiverSentences:
         selected = np.zeros(batch.size, bool)
         selected[indices] = True
         opens = opens | (np.arange(indices.size) == 0)
-        self.local = np.cumsum(opens) - 1
         self.opening = np.flatnonzero(opens)
         self.at = epoch[indices[self.opening]]
         of_frame = np.zeros(batch.size, np.int64)
-        of_frame[indices] = self.local
+        of_frame[indices] = np.cumsum(opens) - 1
         self.tables: dict[str, Columns] = {}
         for name, table in batch.tables.items():
             rows = selected[table["frame"]]

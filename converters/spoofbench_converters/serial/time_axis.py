@@ -117,6 +117,10 @@ class ClockFollower:
     epochs; so does an epoch whose clock leaps while the next one's is back where it was, which
     changes nothing for those behind it. Each protocol is followed on its own; one whose clock steps
     goes where the other went, if that went there before.
+
+    This is more than :class:`~spoofbench_converters.append_clock.ClockAppender` does for rows of
+    one recorder's clock: here clocks also leap ahead, or tell nothing, any step backward counts,
+    and two protocols share an axis.
     """
 
     def __init__(self, rules: FollowingRules) -> None:
