@@ -14,6 +14,7 @@ from spoofbench.gnss_time import (
     LEAP_SECONDS,
     SECOND_NS,
     WEEK_NS,
+    YEARS,
     calendar_to_utc,
     gps_of_week,
     gps_to_utc,
@@ -92,12 +93,15 @@ def test_wrapped_differences_are_short_and_whole_periods_away(step: int, period:
     assert (wrapped - step) % period == 0
 
 
-@given(st.integers(1970, 2210), st.integers(-1, 14), st.integers(-1, 33))
-def test_days_are_those_of_the_calendar(year: int, month: int, day: int) -> None:
-    utc_ns, exists = midnight(year, month, day)
-    known = (
-        1980 <= year < 2200 and 1 <= month <= 12 and 1 <= day <= calendar.monthrange(year, month)[1]
-    )
+@given(
+    st.integers(1960, 2270),
+    st.integers(-1, 14),
+    st.integers(-1, 33),
+    st.sampled_from([YEARS, range(1970, 2262)]),
+)
+def test_days_are_those_of_the_calendar(year: int, month: int, day: int, years: range) -> None:
+    utc_ns, exists = midnight(year, month, day, years)
+    known = year in years and 1 <= month <= 12 and 1 <= day <= calendar.monthrange(year, month)[1]
     assert exists == known
     expected = int(datetime(year, month, day, tzinfo=UTC).timestamp()) * SECOND_NS if known else 0
     assert utc_ns == expected

@@ -4,6 +4,7 @@ read.
 
 import io
 import random
+from datetime import datetime, timedelta, timezone
 from typing import Any
 
 import numpy as np
@@ -302,3 +303,15 @@ def test_other_text_before_a_sentence_is_not_used(make: Any, before: bytes) -> N
     found, rejects, used = taken_apart(before + sentence)
     assert [start for _, start, _ in found] == [len(before)]
     assert (rejects, used) == ([(0, len(before), "text that is no sentence")], len(sentence))
+
+
+@given(st.integers(86_400, 9_214_560_000), st.integers(0, 999_999), st.integers(-840, 840))
+def test_iso_times_are_those_of_datetime(seconds: int, micro: int, ahead_min: int) -> None:
+    zone = timezone(timedelta(minutes=ahead_min))
+    time = datetime.fromtimestamp(0, zone) + timedelta(seconds=seconds, microseconds=micro)
+    octets = np.frombuffer(f"{time:%Y-%m-%d %H:%M:%S.%f%z}".encode(), np.uint8)
+    understood, times = HostTimestamps(zone_is_utc=False).before(
+        octets, np.array([0]), np.array([octets.size])
+    )
+    assert understood.all()
+    assert times.tolist() == [seconds * 10**9 + micro * 1000]
