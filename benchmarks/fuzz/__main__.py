@@ -19,7 +19,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.fuzz.drive import Found, fuzz
+from benchmarks.fuzz.drive import FuzzFindings, fuzz
 from benchmarks.fuzz.seeds import seeds
 from benchmarks.fuzz.targets import check, names
 
@@ -66,7 +66,7 @@ def main() -> None:
     sys.exit(1 if failed else 0)
 
 
-def _show(found: Found) -> None:
+def _show(found: FuzzFindings) -> None:
     peak = found.peak_bytes / 2**20
     print(
         f"{found.target:<10}{found.inputs:>10,}{found.seconds:>9.0f}{found.failed:>10,}{len(found.failures):>7}{peak:>10.0f}",

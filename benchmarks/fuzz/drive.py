@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmarks.fuzz.mutate import TOKENS, mutate
 from benchmarks.fuzz.targets import check
+from spoofbench import plugins
 from spoofbench.sandbox import (
     Sandbox,
     WorkerChannel,
@@ -31,7 +32,7 @@ _KEPT = 3
 
 
 @dataclass
-class Found:
+class FuzzFindings:
     """What fuzzing of a target gave: inputs tried, seconds, failures by signature, peak memory of a
     worker.
     """
@@ -46,7 +47,7 @@ class Found:
     def failed(self) -> int:
         return sum(self.failures.values())
 
-    def add(self, other: "Found") -> None:
+    def add(self, other: "FuzzFindings") -> None:
         """Add what another worker found."""
         self.inputs += other.inputs
         self.peak_bytes = max(self.peak_bytes, other.peak_bytes)
@@ -68,9 +69,9 @@ def fuzz(
     corpus: Path,
     workers: int = 2,
     seed: int = 0,
-) -> Found:
+) -> FuzzFindings:
     """Try inputs for some seconds; save failing ones to the corpus, three of each kind a worker."""
-    found, begin = Found(target), time.monotonic()
+    found, begin = FuzzFindings(target), time.monotonic()
     end = begin + seconds
     with ThreadPoolExecutor(workers) as pool, Sandbox(_preload) as sandbox:
         streams = [_Stream(target, seeds, seed + number, corpus) for number in range(workers)]
@@ -81,7 +82,9 @@ def fuzz(
 
 
 def _preload() -> None:
-    """What a worker needs is imported with this module."""
+    """Import what a worker needs, which this module does, and the converters."""
+    for plugin in plugins.found(plugins.CONVERTERS).values():
+        plugin.load()
 
 
 class _Stream:
@@ -89,9 +92,9 @@ class _Stream:
 
     def __init__(self, target: str, seeds: Sequence[bytes], seed: int, corpus: Path) -> None:
         self._target, self._seeds, self._seed, self._corpus = target, seeds, seed, corpus
-        self._found = Found(target)
+        self._found = FuzzFindings(target)
 
-    def follow(self, sandbox: Sandbox, end: float) -> Found:
+    def follow(self, sandbox: Sandbox, end: float) -> FuzzFindings:
         """Have inputs tried until :func:`time.monotonic` is ``end``."""
         while time.monotonic() < end:
             first = self._found.inputs

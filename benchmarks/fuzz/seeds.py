@@ -176,15 +176,16 @@ def phone_log(seconds: int) -> bytes:
         f"# Raw,{raw}",
         f"# Fix,{fix}",
     ]
-    lines += [
-        "# UncalAccel,utcTimeMillis,elapsedRealtimeNanos,UncalAccelXMps2,UncalAccelYMps2,UncalAccelZMps2,BiasXMps2,BiasYMps2,BiasZMps2"
-    ]
+    lines.append(
+        "# UncalAccel,utcTimeMillis,elapsedRealtimeNanos,UncalAccelXMps2,UncalAccelYMps2,"
+        "UncalAccelZMps2,BiasXMps2,BiasYMps2,BiasZMps2"
+    )
     for second in range(seconds):
         ms, ns = 1000 * (_START_S + second), 10**9 * (500 + second)
         lines.append(f"Fix,GPS,37.4273,-122.1694,40.5,1.25,3.8,90.0,{ms},0.5,10.0,{ns},2.0,0")
         lines.append(
-            f"Raw,{ms},{ns},18,20.0,-1384000000000000000,0.25,10.0,1.5,2.5,3,{second % 32 + 1},0.0,16431,320000000000123,20,38.5,"
-            f"-120.5,0.1,1,0.0,3.4e38,1575420030,,,,0,,1,40.2,34.5,0.0,0.0,,,C,{ns},1"
+            f"Raw,{ms},{ns},18,20.0,-1384000000000000000,0.25,10.0,1.5,2.5,3,{second % 32 + 1},"
+            f"0.0,16431,320000000000123,20,38.5,-120.5,0.1,1,0.0,3.4e38,1575420030,,,,0,,1,40.2,34.5,0.0,0.0,,,C,{ns},1"
         )
         lines += [
             f"UncalAccel,{ms + 20 * i},{ns + 20_000_000 * i},0.1,0.2,9.8,0.0,0.0,0.0"

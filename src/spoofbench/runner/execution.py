@@ -23,8 +23,8 @@ from spoofbench.runner.plan import (
     ConfiguredPlugin,
     Failure,
     PlannedTask,
+    PlannedVariant,
     RecordingInfo,
-    Variant,
     lacking,
     plan,
 )
@@ -204,7 +204,7 @@ class RecordingRun:
         return worker.receive(_PREPARING * self.suite.limits.time_s)
 
     def _make(
-        self, worker: Worker, variants: Sequence[Variant]
+        self, worker: Worker, variants: Sequence[PlannedVariant]
     ) -> dict[str, frozenset[str] | Failure]:
         """Have variants made; return the kinds of each, or why there is none, up to one that the
         worker did not survive.
@@ -249,7 +249,7 @@ class RecordingRun:
         return runnable
 
 
-def _variant_job(variant: Variant) -> VariantJob:
+def _variant_job(variant: PlannedVariant) -> VariantJob:
     attack, window = variant.attack, variant.window
     if attack is None:
         return VariantJob(variant.id, variant.number)

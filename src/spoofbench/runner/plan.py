@@ -74,7 +74,7 @@ class RecordingInfo:
 
 
 @dataclass(frozen=True, slots=True)
-class Variant:
+class PlannedVariant:
     """A recording under an attack, or unattacked where ``attack`` is None; ``number`` is what
     detectors' workers know it by.
     """
@@ -93,7 +93,7 @@ class PlannedTask:
     """One detector on one variant; it has to do without the ``withheld`` kinds."""
 
     id: str
-    variant: Variant
+    variant: PlannedVariant
     detector: ConfiguredPlugin
     withheld: frozenset[str] = frozenset()
 
@@ -144,7 +144,7 @@ def plan(
     numbers = {name: f"{number:05d}" for number, name in enumerate(sorted(ids))}
     tasks = []
     for name, (attack, seed) in zip(ids, attempts, strict=True):
-        variant = Variant(
+        variant = PlannedVariant(
             name,
             numbers[name],
             recording,
@@ -221,7 +221,7 @@ def _variant_id(
 
 
 def _task_id(
-    suite: Suite, variant: Variant, detector: ConfiguredPlugin, withheld: frozenset[str]
+    suite: Suite, variant: PlannedVariant, detector: ConfiguredPlugin, withheld: frozenset[str]
 ) -> str:
     limits = {"time_s": suite.limits.time_s, "memory_mb": suite.limits.memory_mb}
     inputs = {"detector": detector.inputs, "withheld": sorted(withheld), "limits": limits}

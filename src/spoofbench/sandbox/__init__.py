@@ -93,6 +93,11 @@ def no_preload() -> None:
 class Sandbox:
     """The server of worker processes, and its private folder; a context manager.
 
+    It runs :func:`multiprocessing.forkserver.main` and asks it for workers itself. A
+    :class:`multiprocessing.Process` would take the arguments, folder and main module of this
+    program along, share one server in this program's environment with all others, and leave it and
+    a resource tracker running.
+
     Args:
         preload: a function of a module, which imports what workers need; the server calls it once.
         environment: variables beyond the few that workers keep; None leaves one out.
@@ -107,10 +112,10 @@ class Sandbox:
         environment: Mapping[str, str | None] = MappingProxyType({}),
     ) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="spoofbench-"))
-        self._place = os.open(self.folder, os.O_RDONLY)
-        self._void = os.open(os.devnull, os.O_RDWR)
+        self._folder_fd = os.open(self.folder, os.O_RDONLY)
+        self._null_fd = os.open(os.devnull, os.O_RDWR)
         self._lock, self._ended = threading.Lock(), False
-        alive, self._alive = os.pipe()
+        alive, self._alive_fd = os.pipe()
         with socket.socket(socket.AF_UNIX) as listener:
             listener.bind(self._address)
             listener.listen()
@@ -131,7 +136,7 @@ class Sandbox:
     @property
     def _address(self) -> str:
         """Path of the server's socket; a system allows some 100 characters, so it is short."""
-        short = Path(f"/proc/self/fd/{self._place}")
+        short = Path(f"/proc/self/fd/{self._folder_fd}")
         return str((short if short.exists() else self.folder) / "server")
 
     def __enter__(self) -> Self:
@@ -145,14 +150,14 @@ class Sandbox:
     ) -> None:
         with self._lock:
             self._ended = True
-            os.close(self._alive)  # the server sees it, ends its workers, and ends
+            os.close(self._alive_fd)  # the server sees it, ends its workers, and ends
         try:
             self._server.wait(_GRACE_S)
         except subprocess.TimeoutExpired:
             self._server.kill()
             self._server.wait()
-        os.close(self._void)
-        os.close(self._place)
+        os.close(self._null_fd)
+        os.close(self._folder_fd)
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def start(
@@ -176,7 +181,7 @@ class Sandbox:
                 if self._ended:
                     raise ConnectionRefusedError
                 client.connect(self._address)
-                handed = [orders, report, self._alive, self._void, theirs.fileno()]
+                handed = [orders, report, self._alive_fd, self._null_fd, theirs.fileno()]
                 reduction.sendfds(client, handed)
         except OSError as error:
             ours.close()

@@ -79,8 +79,8 @@ def kill_group(pid: int, number: signal.Signals = signal.SIGKILL) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What the server's child gets to run, in the place of a :class:`multiprocessing.Process`:
-    that would bring along arguments, folder and main module of the process that starts it.
+    """What the server's child unpickles and runs, in the place of a
+    :class:`multiprocessing.Process`.
 
     Attributes:
         server: process id of the server.
