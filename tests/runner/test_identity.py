@@ -212,7 +212,6 @@ COMPUTES = ("spoofbench.runner.jobs", "spoofbench.scoring.grid")
 DECIDES_NOTHING = {
     "spoofbench": "has the version, which is an input",
     "spoofbench.codec": "reads recordings: the digest of the rows that it gives is an input",
-    "spoofbench.config": "reads parameters, which are inputs",
     "spoofbench.errors": "has names alone",
     "spoofbench.plugins": "finds plugins: their code and parameters are inputs",
     "spoofbench.runner": "asks the workers",
