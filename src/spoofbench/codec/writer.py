@@ -112,15 +112,19 @@ class Writer:
             raise RecordingError(f"{str(self._path)!r} is there and no file; name a file to write")
         try:
             self._stream: IO[bytes] = self._temporary.open("wb")
-        except OSError as error:
+            self._pool = ThreadPoolExecutor(_THREADS)
+            self._in_order = ThreadPoolExecutor(1)
+            self._put(MCAP0_MAGIC)
+            self._put_records(Header("", f"spoofbench {__version__}"))
+        except BaseException as error:  # a signal may end the program before the block begins
+            with contextlib.suppress(OSError):
+                self._temporary.unlink(missing_ok=True)
+            if not isinstance(error, OSError):
+                raise
             raise RecordingError(
                 f"{str(self._path)!r} cannot be written: {error.strerror}; choose a folder that "
                 "exists"
             ) from error
-        self._pool = ThreadPoolExecutor(_THREADS)
-        self._in_order = ThreadPoolExecutor(1)
-        self._put(MCAP0_MAGIC)
-        self._put_records(Header("", f"spoofbench {__version__}"))
         return self
 
     def __exit__(
