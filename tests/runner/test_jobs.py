@@ -54,6 +54,7 @@ def test_jobs_by_hand_give_what_a_run_gives(
         "requires": ["gnss/pvt"],
         "uses": [],
         "memory_s": 0.0,
+        "baseline": False,
     }
     nudge = {"id": "nudge", "plugin": "nudge", "parameters": {}}
     recording = through_json(
