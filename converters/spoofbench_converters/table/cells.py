@@ -6,10 +6,13 @@ rejected.
 """
 
 from collections.abc import Mapping
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from spoofbench_converters.text.numbers import Notation, parsed
 
 NULLS = (
     "",
@@ -28,9 +31,16 @@ NULLS = (
 )
 """Texts that stand for an empty cell."""
 
-_NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?$"
 _WHOLE = r"^[+-]?\d{1,18}$"
-_NAN = r"^[+-]?[nN][aA][nN]$"
+_NANS = (sign + "".join(nan) for sign in ("", "+", "-") for nan in product("nN", "aA", "nN"))
+
+TABLE = Notation(
+    tuple(dict.fromkeys((*NULLS, *_NANS))),
+    trims=True,
+    max_bytes=None,
+    to_even=True,
+)
+"""How tables write numbers."""
 
 Bools = NDArray[np.bool_]
 
@@ -58,31 +68,23 @@ def numbers(cells: Any) -> tuple[NDArray[np.float64], Bools]:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    bad = np.zeros(len(cells), bool)
     if is_text(cells):
-        try:
-            parsed = pc.cast(cells, pa.float64())
-        except pa.ArrowInvalid:
-            trimmed = words(cells)
-            trimmed = blanked(
-                trimmed, np.array(pc.fill_null(pc.match_substring_regex(trimmed, _NAN), False))
-            )
-            fits = matching(trimmed, _NUMBER)
-            bad = present(trimmed) & ~fits
-            parsed = pc.cast(blanked(trimmed, ~fits), pa.float64())
-    elif (
+        values, bad = parsed(cells, TABLE)
+        infinite = np.isinf(values)
+        return np.where(infinite, np.nan, values), bad | infinite
+    if (
         pa.types.is_integer(cells.type)
         or pa.types.is_floating(cells.type)
         or pa.types.is_boolean(cells.type)
     ):
-        parsed = pc.cast(cells, pa.float64(), safe=False)
+        typed = pc.cast(cells, pa.float64(), safe=False)
     elif pa.types.is_decimal(cells.type):
-        parsed = pc.cast(cells, pa.float64())
+        typed = pc.cast(cells, pa.float64())
     else:
         return np.full(len(cells), np.nan), present(cells)
-    values = np.asarray(parsed.to_numpy(zero_copy_only=False), np.float64)
-    infinite = np.isinf(values)
-    return np.where(infinite, np.nan, values), bad | infinite
+    found = np.asarray(typed.to_numpy(zero_copy_only=False), np.float64)
+    infinite = np.isinf(found)
+    return np.where(infinite, np.nan, found), infinite
 
 
 def integers(cells: Any) -> tuple[NDArray[np.int64], Bools, Bools]:

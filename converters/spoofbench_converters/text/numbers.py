@@ -1,7 +1,7 @@
 """Cells as numbers and words: whole columns at once, times exact to the nanosecond."""
 
 from dataclasses import dataclass
-from decimal import Decimal
+from decimal import ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,10 +10,75 @@ from numpy.typing import NDArray
 from spoofbench_converters.text.lines import BLANK, QUOTE
 
 MAX_NUMBER_BYTES = 48
-_ABSENT = ("", "null", "NULL", "nan", "NaN", "None", "N/A", "inf", "-inf", "Infinity", "-Infinity")
+MAX_COUNT = 2**63 - 2**10
 _NUMBER = r"^[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?$"
-_EXACT = 2.0**52
+_PLAIN = r"^[+-]?[0-9]{1,18}(\.[0-9]{0,18})?$"
 _BEYOND_MEASURE = 1e100
+
+
+@dataclass(frozen=True, slots=True)
+class Notation:
+    """How texts say numbers.
+
+    Attributes:
+        absent: texts that say that there is none.
+        trims: whether blanks around a number are no part of it.
+        max_bytes: longer texts are no numbers; None: any length will do.
+        to_even: whether a half is rounded to the even number, else away from zero.
+    """
+
+    absent: tuple[str, ...]
+    trims: bool
+    max_bytes: int | None
+    to_even: bool
+
+    def without_long(self, texts: Any) -> tuple[Any, NDArray[np.bool_]]:
+        """Return an Arrow array of texts with those that are too long null, and which were."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        if self.max_bytes is None:
+            return texts, np.zeros(len(texts), bool)
+        cells = Cells.of(texts)
+        long = cells.ends - cells.starts > self.max_bytes
+        if long.any():
+            texts = pc.if_else(pa.array(long), pa.scalar(None, pa.string()), texts)
+        return texts, long
+
+    def numbers(self, texts: Any) -> tuple[Any, NDArray[np.bool_]]:
+        """Return an Arrow array of texts with those that are no numbers null, and which of these
+        say neither that there is none.
+        """
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        trimmed = pc.utf8_trim_whitespace(texts) if self.trims else texts
+        is_number = pc.match_substring_regex(trimmed, _NUMBER)
+        is_absent = pc.is_in(trimmed, pa.array(self.absent))
+        good = pc.fill_null(pc.or_(is_number, is_absent), True)
+        numbers = pc.if_else(is_number, trimmed, pa.scalar(None, pa.string()))
+        return numbers, ~good.to_numpy(zero_copy_only=False).astype(bool)
+
+
+PHONE = Notation(
+    (
+        "",
+        "null",
+        "NULL",
+        "nan",
+        "NaN",
+        "None",
+        "N/A",
+        "inf",
+        "-inf",
+        "Infinity",
+        "-Infinity",
+    ),
+    trims=False,
+    max_bytes=MAX_NUMBER_BYTES,
+    to_even=False,
+)
+"""How apps write numbers."""
 
 
 class Floats(NamedTuple):
@@ -104,119 +169,101 @@ def stripped(texts: Any) -> Any:
     return texts if inner is cells else inner.texts()
 
 
-def floats(texts: Any, decimal_comma: bool = False) -> Floats:
-    """Read an Arrow array of texts as decimal numbers, correctly rounded."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
+def parsed(texts: Any, notation: Notation) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Read an Arrow array of texts as decimal numbers, correctly rounded; infinite ones are
+    numbers.
 
-    cells = Cells.of(texts)
-    long = cells.ends - cells.starts > MAX_NUMBER_BYTES
-    if long.any():
-        texts = pc.if_else(pa.array(long), pa.scalar(None, pa.string()), texts)
-    if decimal_comma:
-        texts = pc.replace_substring(texts, ",", ".")
+    Returns:
+        float64 ``(n,)``, NaN where there is no number, and which cells are wrong, bool ``(n,)``.
+    """
+    import pyarrow as pa
+
+    texts, bad = notation.without_long(texts)
     try:
         values = texts.cast(pa.float64())
-        bad = long
     except pa.ArrowInvalid:
-        number = pc.match_substring_regex(texts, _NUMBER)
-        absent = pc.is_in(texts, pa.array(_ABSENT))
-        values = pc.if_else(number, texts, None).cast(pa.float64())
-        good = pc.fill_null(pc.or_(number, absent), True)
-        bad = long | ~good.to_numpy(zero_copy_only=False).astype(bool)
-    found = np.array(values.fill_null(np.nan).to_numpy(zero_copy_only=False), np.float64)
-    found[~(np.abs(found) < _BEYOND_MEASURE)] = np.nan
-    return Floats(found, bad)
+        numbers, wrong = notation.numbers(texts)
+        values, bad = numbers.cast(pa.float64()), bad | wrong
+    return np.array(values.fill_null(np.nan).to_numpy(zero_copy_only=False), np.float64), bad
 
 
-def scaled(texts: Any, decimals: int = 0, decimal_comma: bool = False) -> Integers:
+def floats(texts: Any, decimal_comma: bool = False) -> Floats:
+    """Read an Arrow array of texts as decimal numbers of an app, correctly rounded."""
+    values, bad = parsed(_with_points(texts) if decimal_comma else texts, PHONE)
+    values[~(np.abs(values) < _BEYOND_MEASURE)] = np.nan
+    return Floats(values, bad)
+
+
+def scaled(
+    texts: Any, decimals: int = 0, decimal_comma: bool = False, notation: Notation = PHONE
+) -> Integers:
     """Read an Arrow array of texts as decimal numbers times ``10 ** decimals``, exactly; what lies
-    beyond is rounded half up.
+    beyond is rounded.
 
     Seconds with 9 decimals, or milliseconds with 6, are nanoseconds.
     """
-    cells = Cells.of(texts)
-    lengths = cells.ends - cells.starts
-    plain = _Plain(lengths.size, decimals, ord("," if decimal_comma else "."))
-    for place in range(min(int(lengths.max(initial=0)), MAX_NUMBER_BYTES)):
-        plain.take(cells.octets.take(cells.starts + place, mode="clip"), place, place < lengths)
-    values, present = plain.values()
-    present &= lengths <= MAX_NUMBER_BYTES
-    values[~present], bad = 0, np.zeros(lengths.size, bool)
-    other = np.flatnonzero(~present & (lengths > 0))
-    if other.size:
-        values[other], present[other], bad[other] = _scaled_otherwise(
-            cells.take(other), decimals, decimal_comma
-        )
-    return Integers(values, present, bad)
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    texts, bad = notation.without_long(_with_points(texts) if decimal_comma else texts)
+    if not _has_exponents(texts):
+        try:
+            values, present, beyond = _unscaled(pc.cast(texts, pa.decimal128(38, decimals)))
+            return Integers(values, present, bad | beyond)
+        except pa.ArrowInvalid:  # words, or more decimals
+            pass
+    numbers, wrong = notation.numbers(texts)
+    is_plain = pc.match_substring_regex(numbers, _PLAIN)
+    plain = pc.if_else(is_plain, numbers, pa.scalar(None, pa.string()))
+    rounding: Any = "half_to_even" if notation.to_even else "half_towards_infinity"
+    rounded = pc.round(pc.cast(plain, pa.decimal128(38, 18)), decimals, rounding)
+    values, present, beyond = _unscaled(pc.cast(rounded, pa.decimal128(38, decimals)))
+    others = pc.fill_null(pc.invert(is_plain), False).to_numpy(zero_copy_only=False)
+    for row in np.flatnonzero(others).tolist():
+        value = _scaled_text(numbers[row].as_py(), decimals, notation.to_even)
+        present[row], beyond[row] = value is not None, value is None
+        values[row] = value or 0
+    return Integers(values, present, bad | wrong | beyond)
 
 
-def _scaled_otherwise(cells: Cells, decimals: int, decimal_comma: bool) -> Integers:
-    """Read cells of any form as :func:`scaled` does."""
-    approximate = floats(cells.texts(), decimal_comma)
-    with np.errstate(over="ignore"):
-        scaled_floats = approximate.values * 10.0**decimals
-    present = ~np.isnan(approximate.values)
-    fits = present & (np.abs(scaled_floats) < 2.0**63 - 2.0**10)
-    values = np.zeros(present.size, np.int64)
-    small = fits & (np.abs(scaled_floats) < _EXACT / 64)
-    values[small] = np.floor(scaled_floats[small] + 0.5).astype(np.int64)
-    for row in np.flatnonzero(fits & ~small).tolist():
-        text = (
-            cells.octets[cells.starts[row] : cells.ends[row]].tobytes().decode("ascii", "replace")
-        )
-        values[row] = int(
-            Decimal(text.replace(",", ".")).scaleb(decimals).to_integral_value("ROUND_HALF_UP")
-        )
-    return Integers(values, fits, approximate.bad | (present & ~fits))
+def _has_exponents(texts: Any) -> bool:
+    """Return whether there may be an exponent: at ``1e-400`` and the like Arrow's cast to decimals
+    reads out of bounds, and may crash.
+    """
+    octets = Cells.of(texts).octets
+    return bool(np.any((octets | 32) == ord("e")))
 
 
-class _Plain:
-    """Digits of n numbers without an exponent, taken one place at a time."""
+def _with_points(texts: Any) -> Any:
+    import pyarrow.compute as pc
 
-    def __init__(self, rows: int, decimals: int, point: int) -> None:
-        self._decimals, self._point = decimals, point
-        self._value = np.zeros(rows, np.uint64)
-        self._digits = np.zeros(rows, np.int64)  # that count, after leading zeros
-        self._fraction = np.full(rows, -1, np.int64)  # digits after the point; -1 before it
-        self._pointed = False  # whether any has a point
-        self._negative = np.zeros(rows, bool)
-        self._up = np.zeros(rows, bool)
-        self._numeral = np.zeros(rows, bool)
-        self._broken = np.zeros(rows, bool)
+    return pc.replace_substring(texts, ",", ".")
 
-    def take(self, octet: NDArray[np.uint8], place: int, within: NDArray[np.bool_]) -> None:
-        """Take the octets at one place of all numbers; ``within``: which of them are so long."""
-        digit = octet - np.uint8(48)
-        is_digit = counted = within & (digit < 10)
-        if self._pointed:
-            counted = is_digit & (self._fraction < self._decimals)
-            self._up |= is_digit & (self._fraction == self._decimals) & (digit >= 5)
-            self._fraction += is_digit & (self._fraction >= 0)
-        self._value = np.where(counted, self._value * np.uint64(10) + digit, self._value)
-        self._digits += counted & (self._value > 0)
-        self._numeral |= is_digit
-        other = within & ~is_digit
-        if other.any():
-            self._mark(octet, place, other)
 
-    def _mark(self, octet: NDArray[np.uint8], place: int, other: NDArray[np.bool_]) -> None:
-        """Take points and signs; whatever else is no plain number."""
-        is_point = other & (octet == self._point) & (self._fraction < 0)
-        self._fraction[is_point] = 0
-        self._pointed |= bool(is_point.any())
-        is_sign = other & ((octet == ord("-")) | (octet == ord("+"))) & (place == 0)
-        self._negative |= is_sign & (octet == ord("-"))
-        self._broken |= other & ~is_point & ~is_sign
+def _unscaled(exact: Any) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return decimals without their point, 0 where there is none; which are there; and which are
+    beyond what can be counted.
+    """
+    import pyarrow.compute as pc
 
-    def values(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Return the numbers, and which were read to their end and fit; the others mean nothing."""
-        missing = self._decimals - np.clip(self._fraction, 0, self._decimals)
-        ok = self._numeral & ~self._broken & (self._digits + missing <= 19)
-        value = self._value * np.uint64(10) ** np.where(ok, missing, 0).astype(np.uint64) + self._up
-        ok &= value < 2**63 - 2**10
-        signed = value.astype(np.int64)
-        return np.where(self._negative, -signed, signed), ok
+    there = pc.is_valid(exact).to_numpy(zero_copy_only=False)
+    filled = pc.fill_null(exact, 0)
+    words = np.frombuffer(filled.buffers()[1], np.int64)[2 * filled.offset :][: 2 * len(filled)]
+    low, high = words.reshape(-1, 2).T
+    beyond = (high != low >> 63) | (low >= MAX_COUNT) | (low <= -MAX_COUNT)
+    return np.where(beyond, 0, low), there & ~beyond, beyond
+
+
+def _scaled_text(text: str, decimals: int, to_even: bool) -> int | None:
+    """Return one decimal number times ``10**decimals``, None if that cannot be counted."""
+    value = Decimal(text)
+    if value and value.adjusted() + decimals > 18:
+        return None
+    if value.adjusted() + decimals < -1:
+        return 0
+    rounding = ROUND_HALF_EVEN if to_even else ROUND_HALF_UP
+    count = int(value.scaleb(decimals).to_integral_value(rounding))
+    return count if abs(count) < MAX_COUNT else None
 
 
 def words(cells: Cells, longest: int = 32) -> NDArray[np.bytes_]:

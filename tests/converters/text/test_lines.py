@@ -208,3 +208,11 @@ def test_a_number_of_nanoseconds_is_read_to_its_last_digit() -> None:
     assert numbers.scaled(column(["1.764585664362463E18"])).values.tolist() == [
         1_764_585_664_362_463_000
     ]
+
+
+def test_exponents_beyond_all_measure() -> None:
+    texts = ["1e-400", "-1E-9999", "1e400", "2E0", "12345678901234567890e-19", "0e400"]
+    values, present, bad = numbers.scaled(column(texts * 100), 9)
+    assert values[:6].tolist() == [0, 0, 0, 2_000_000_000, 1_234_567_890, 0]
+    assert present[:6].tolist() == [True, True, False, True, True, True]
+    assert bad[:6].tolist() == [False, False, True, False, False, False]
