@@ -137,13 +137,13 @@ def _signals(
         0,
     )
     for constellation, bands in _BANDS.items():
-        mine = android == constellation
-        if not mine.any():
+        selected = android == constellation
+        if not selected.any():
             continue
         for place, (mhz, number, default, name) in enumerate(bands):
-            rows = mine & (np.abs(given_hz - mhz * 1e6) < _TOLERANCE_MHZ * 1e6)
+            rows = selected & (np.abs(given_hz - mhz * 1e6) < _TOLERANCE_MHZ * 1e6)
             if place == 0:
-                unnamed = mine & np.isnan(given_hz)
+                unnamed = selected & np.isnan(given_hz)
                 carrier[unnamed & (constellation != _GLONASS)] = mhz * 1e6
                 rows |= unnamed
             band[rows] = RF_BANDS.index(name)

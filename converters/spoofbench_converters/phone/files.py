@@ -16,7 +16,7 @@ from spoofbench_converters.text.lines import BOM, Lines, read_lines
 HEAD_BYTES = 2**16
 NO_KIND = "a file of no kind in the schema"
 ANOTHER = "another file beside the log: not read, convert it by itself"
-MOST_HEADS = 256
+MAX_HEADS = 256
 _TEXT = re.compile(r"\.(csv|txt|tsv)(\.(gz|zst|bz2|xz))?$", re.IGNORECASE)
 
 
@@ -75,7 +75,7 @@ def laid_out(parts: Sequence[LogFile]) -> list[LogFile]:
 
 def text_parts(parts: Sequence[LogFile]) -> list[LogFile]:
     """Return the files that may be text, by their names within the log; a lone file may."""
-    return [part for part in parts if not part.name or _TEXT.search(part.name)][:MOST_HEADS]
+    return [part for part in parts if not part.name or _TEXT.search(part.name)][:MAX_HEADS]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +100,12 @@ class HeaderSchema:
         )
         return cls(names, delimiter, delimiter != "," and "," in rest.partition("\n")[0])
 
-    def places(self, normal: Callable[[str], str] = str) -> Mapping[str, int]:
-        """Return the columns' places by name; of columns of one name the first counts."""
-        places: dict[str, int] = {}
-        for place, name in enumerate(self.names):
-            places.setdefault(normal(name), place)
-        return places
+    def index(self, normal: Callable[[str], str] = str) -> Mapping[str, int]:
+        """Return each column's number by name; of columns of one name the first counts."""
+        index: dict[str, int] = {}
+        for number, name in enumerate(self.names):
+            index.setdefault(normal(name), number)
+        return index
 
 
 def read_columns(
@@ -114,7 +114,7 @@ def read_columns(
     """Yield the rows of a table, and the account of all else: its header, blank lines, lines of
     another width.
     """
-    places, header = schema.places(normal), True
+    index, header = schema.index(normal), True
     with file.open() as opened:
         for lines in read_lines(opened, file.origin, schema.delimiter):
             if not isinstance(lines, Lines):
@@ -130,7 +130,7 @@ def read_columns(
             right &= ~blank
             if right.any():
                 whole = lines if right.all() else lines.take(right)
-                yield ColumnReader(whole, places, schema.delimiter, schema.decimal_comma)
+                yield ColumnReader(whole, index, schema.delimiter, schema.decimal_comma)
 
 
 def only(parts: Sequence[LogFile], what: str) -> LogFile | None:
@@ -161,7 +161,7 @@ def _size(file: LogFile) -> int:
     return size
 
 
-def records(part: LogFile, most: int = 1000) -> list[dict[str, str]]:
+def records(part: LogFile, limit: int = 1000) -> list[dict[str, str]]:
     """Read a small table of texts: its first rows within 64 KiB, by column name."""
     import csv
     import io
@@ -171,7 +171,7 @@ def records(part: LogFile, most: int = 1000) -> list[dict[str, str]]:
         io.StringIO(part.head.decode("utf-8", "replace"), newline=""), delimiter=schema.delimiter
     )
     try:
-        rows = [row for row, _ in zip(reader, range(most), strict=False)]
+        rows = [row for row, _ in zip(reader, range(limit), strict=False)]
     except csv.Error as error:
         raise ConversionError(f"the table {part.name!r} cannot be read: {error}") from error
     return [

@@ -19,7 +19,7 @@ from spoofbench_converters.phone.time_axis import ElapsedTimeAxis, Stamps
 from spoofbench_converters.text import numbers
 from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader, Fields
 
-_MOST_PER_EPOCH = 10_000
+_MAX_PER_EPOCH = 10_000
 
 # Types of GnssNavigationMessage: the first byte is the constellation; the RINEX signal by the
 # whole.
@@ -173,7 +173,7 @@ class GnssChip:
         rows = self._held.followed_by(rows) if self._held else rows
         epoch = rows.epoch
         last = int(epoch.size and np.argmax(epoch[::-1] != epoch[-1]))
-        whole = epoch.size - last if last or epoch.size > _MOST_PER_EPOCH else 0
+        whole = epoch.size - last if last or epoch.size > _MAX_PER_EPOCH else 0
         self._held = rows.take(slice(whole, None))
         yield from self._complete(rows.take(slice(0, whole)))
 
@@ -270,7 +270,7 @@ def _messages(reader: ColumnReader) -> tuple[Fields, NDArray[np.bool_]]:
     constellation = np.where(has_kind & (kind >> 8 < 8), kind >> 8, 0)
     signals = {number: android.SIGNALS.index(signal) for number, signal in _MESSAGE_SIGNALS.items()}
     codes = np.array([signals.get(number, -1) for number in kind.tolist()], np.int32)
-    octets, bad = _bytes(reader, reader.places.get("Data(Bytes)", 6))
+    octets, bad = _bytes(reader, reader.index.get("Data(Bytes)", 6))
     fields = {
         "constellation": Column(android.SCHEMA_CONSTELLATION[constellation], constellation > 0),
         "svid": Column(

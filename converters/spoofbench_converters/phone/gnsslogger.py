@@ -77,7 +77,7 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
         [part for part in text_parts(parts) if gnsslogger_format.confidence(part.head)], "logs"
     )
     assert part is not None
-    log = _Conversion(*gnsslogger_format.survey(part), options)
+    log = _GnssLoggerConversion(*gnsslogger_format.survey(part), options)
     with part.open() as file:
         for lines in read_lines(file, part.origin):
             if isinstance(lines, Lines):
@@ -88,7 +88,7 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     yield from (other.rejected(ANOTHER) for other in parts if other is not part)
 
 
-class _Conversion:
+class _GnssLoggerConversion:
     """A log being converted."""
 
     def __init__(self, schema: LogSchema, axis: ElapsedTimeAxis, options: Options) -> None:
@@ -104,10 +104,10 @@ class _Conversion:
     def take(self, lines: Lines) -> Iterator[Item]:
         """Yield what a piece holds."""
         headers = gnsslogger_format.first_octets(lines) == ord("#")
-        told = headers | (lines.ends == lines.starts)
-        if told.any():
-            yield Used(int(lines.lengths[told].sum()))
-        rows, start = np.flatnonzero(~told), 0
+        described = headers | (lines.ends == lines.starts)
+        if described.any():
+            yield Used(int(lines.lengths[described].sum()))
+        rows, start = np.flatnonzero(~described), 0
         for header in np.flatnonzero(headers).tolist():
             if self._schema.changed_by(lines.text(header)):
                 yield from self._rows(lines.take(rows[(rows >= start) & (rows < header)]))
@@ -131,12 +131,12 @@ class _Conversion:
             }
         if self._options.session:
             recording["session_id"] = self._options.session
-        for name, told in self._chip.about().items():
+        for name, reported in self._chip.about().items():
             fixes = self._about.get(name, {})
             self._about[name] = {
-                **told,
+                **reported,
                 **fixes,
-                "topic": " ".join(filter(None, (fixes.get("topic"), told["topic"]))),
+                "topic": " ".join(filter(None, (fixes.get("topic"), reported["topic"]))),
             }
         about = {
             f"source/{name}": {**self._schema.device, **record}
@@ -253,7 +253,7 @@ class _Conversion:
 
     def _scalar(self, kind: str, reader: ColumnReader) -> tuple[MergedTopic, Fields]:
         if kind == "Pressure":
-            names = (n for n in reader.places if n.lower().endswith(("hpa", "mbar", "millibar")))
+            names = (n for n in reader.index if n.lower().endswith(("hpa", "mbar", "millibar")))
             return self._topic("baro", "")[1], {"pressure_pa": reader.floats(*names) * 100}
         return self._topic("ins", "")[1], {
             "roll_deg": reader.floats("rollDeg"),

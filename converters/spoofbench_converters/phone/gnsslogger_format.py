@@ -17,7 +17,7 @@ from spoofbench_converters.phone.files import LogFile
 from spoofbench_converters.phone.time_axis import PAIRS, ElapsedTimeAxis, Pairs, Stamps
 from spoofbench_converters.text.columns import ColumnReader
 from spoofbench_converters.text.lines import Lines, read_lines
-from spoofbench_converters.text.numbers import Cells
+from spoofbench_converters.text.numbers import TextCells
 
 SURVEY_BYTES = 2**24
 ENOUGH_PAIRS = 30
@@ -132,7 +132,7 @@ def types_of(lines: Lines) -> NDArray[np.intp]:
 
     commas = np.append(np.flatnonzero(lines.plain == ord(",")), lines.plain.size)
     ends = np.minimum(commas[np.searchsorted(commas, lines.starts)], lines.ends)
-    names = Cells(lines.plain, lines.starts, ends).stripped().texts()
+    names = TextCells(lines.plain, lines.starts, ends).stripped().texts()
     index = pc.fill_null(pc.index_in(names, pa.array(TYPES)), -1)
     return np.asarray(index.to_numpy(zero_copy_only=False), np.intp)
 

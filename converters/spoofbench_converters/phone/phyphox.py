@@ -83,7 +83,7 @@ _ABOUT = {
 }
 
 
-class Table(NamedTuple):
+class PhyphoxTable(NamedTuple):
     """A table that is understood: its file, its schema, the column of time, and its quantities by
     column.
     """
@@ -103,7 +103,7 @@ def sniff(parts: Sequence[LogFile]) -> float:
     return 0.9 * any(_table(part) is not None for part in parts)
 
 
-def _table(part: LogFile) -> Table | None:
+def _table(part: LogFile) -> PhyphoxTable | None:
     schema = HeaderSchema.of(part.head)
     time = next((name for name in schema.names if _TIME.fullmatch(name)), None)
     quantities = {
@@ -113,11 +113,11 @@ def _table(part: LogFile) -> Table | None:
         if quantity.pattern.fullmatch(name)
     }
     family = next(iter(quantities.values())).family if quantities else ""
-    mine = {name: quantity for name, quantity in quantities.items() if quantity.family == family}
-    return Table(part, schema, time, mine) if time and mine else None
+    same = {name: quantity for name, quantity in quantities.items() if quantity.family == family}
+    return PhyphoxTable(part, schema, time, same) if time and same else None
 
 
-def tables(parts: Sequence[LogFile]) -> list[Table]:
+def tables(parts: Sequence[LogFile]) -> list[PhyphoxTable]:
     """Return the tables that are understood.
 
     Raises:
@@ -166,11 +166,11 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     )
     about = _device(properties)
     for family, kind in _KINDS.items():
-        mine = {table.part.name: table for table in understood if table.family == family}
-        if mine:
-            merged = MergedTopic(f"{family}0", kind, inputs=tuple(mine), joins=True)
-            yield from merge(merged, {name: _rows(table, clock) for name, table in mine.items()})
-            topic = " ".join(table.part.stem for table in mine.values() if table.part.name)
+        same = {table.part.name: table for table in understood if table.family == family}
+        if same:
+            merged = MergedTopic(f"{family}0", kind, inputs=tuple(same), joins=True)
+            yield from merge(merged, {name: _rows(table, clock) for name, table in same.items()})
+            topic = " ".join(table.part.stem for table in same.values() if table.part.name)
             yield SourceMetadata(
                 {
                     f"source/{family}0": {
@@ -188,7 +188,7 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
             yield part.rejected()
 
 
-class Clock(NamedTuple):
+class ExperimentClock(NamedTuple):
     """When the experiment ran: its times at each start and the Unix times then, int64 ``(n,)`` in
     nanoseconds.
     """
@@ -206,10 +206,10 @@ class Clock(NamedTuple):
         return experiment_ns - self.started_ns[run] + self.unix_ns[run]
 
 
-def _clock(part: LogFile | None, options: Options) -> Clock:
+def _clock(part: LogFile | None, options: Options) -> ExperimentClock:
     if options.date is not None:
         start = _date_ns(options.date)
-        return Clock(
+        return ExperimentClock(
             np.array([0]), np.array([start]), "start as given", {"reference_date": options.date}
         )
     if part is None:
@@ -236,7 +236,7 @@ def _clock(part: LogFile | None, options: Options) -> Clock:
             "--date"
         )
     begun = np.array(sorted(starts), np.int64)
-    return Clock(begun[:, 0], begun[:, 1], f"starts of the experiment in {part.stem}", {})
+    return ExperimentClock(begun[:, 0], begun[:, 1], f"starts of the experiment in {part.stem}", {})
 
 
 def _decimal_ns(seconds: str) -> int:
@@ -269,7 +269,7 @@ def _device(part: LogFile | None) -> dict[str, str]:
     return {"device": name} if name else {}
 
 
-def _rows(table: Table, clock: Clock) -> Iterator[RowBatch | Item]:
+def _rows(table: PhyphoxTable, clock: ExperimentClock) -> Iterator[RowBatch | Item]:
     for reader in read_columns(table.part, table.schema):
         if not isinstance(reader, ColumnReader):
             yield reader

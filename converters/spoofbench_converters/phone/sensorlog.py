@@ -39,7 +39,7 @@ _LOGGED = "loggingTime"
 _Floats = Mapping[str, NDArray[np.float64]]
 
 
-class Sensor(NamedTuple):
+class SensorColumns(NamedTuple):
     """A group of columns: its stamp, the kind of its source, which one, and how they are
     read.
     """
@@ -103,35 +103,35 @@ def _attitude(reader: ColumnReader) -> _Floats:
 
 _BOOT, _UNIX = "Timestamp_sinceReboot", "Timestamp_since1970"
 _SENSORS = (
-    Sensor(
+    SensorColumns(
         f"accelerometer{_BOOT}",
         "imu",
         "raw",
         _vector("accel_{}_mps2", "accelerometerAcceleration{}", -STANDARD_GRAVITY_MPS2),
     ),
-    Sensor(f"gyro{_BOOT}", "imu", "raw", _vector("gyro_{}_radps", "gyroRotation{}")),
-    Sensor(
+    SensorColumns(f"gyro{_BOOT}", "imu", "raw", _vector("gyro_{}_radps", "gyroRotation{}")),
+    SensorColumns(
         f"motion{_BOOT}",
         "imu",
         "device motion",
         _motion,
     ),
-    Sensor(f"location{_UNIX}", "gnss", "", _location),
-    Sensor(
+    SensorColumns(f"location{_UNIX}", "gnss", "", _location),
+    SensorColumns(
         f"magnetometer{_BOOT}",
         "mag",
         "magnetometer, uncalibrated",
         _vector("field_{}_ut", "magnetometer{}"),
     ),
-    Sensor(f"motion{_BOOT}", "mag", "device motion, calibrated", _calibrated_field),
-    Sensor(
+    SensorColumns(f"motion{_BOOT}", "mag", "device motion, calibrated", _calibrated_field),
+    SensorColumns(
         f"locationHeading{_UNIX}",
         "mag",
         "heading",
         _vector("field_{}_ut", "locationHeading{}"),
     ),
-    Sensor(f"altimeter{_BOOT}", "baro", "", _pressure),
-    Sensor(f"motion{_BOOT}", "ins", "", _attitude),
+    SensorColumns(f"altimeter{_BOOT}", "baro", "", _pressure),
+    SensorColumns(f"motion{_BOOT}", "ins", "", _attitude),
 )
 _KINDS = {"imu": "imu", "mag": "mag", "baro": "baro", "gnss": "gnss/pvt", "ins": "ins/pva"}
 _ABOUT = {
@@ -160,8 +160,8 @@ def sniff(parts: Sequence[LogFile]) -> float:
 
 
 def _is_table(part: LogFile) -> bool:
-    places = HeaderSchema.of(part.head).places(normal)
-    return _LOGGED in places and any(sensor.stamp in places for sensor in _SENSORS)
+    index = HeaderSchema.of(part.head).index(normal)
+    return _LOGGED in index and any(sensor.stamp in index for sensor in _SENSORS)
 
 
 def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
@@ -174,7 +174,7 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     assert part is not None
     schema = HeaderSchema.of(part.head)
     clock = _survey(part, schema)
-    log = _Conversion(schema, clock)
+    log = _SensorLogConversion(schema, clock)
     for item in read_columns(part, schema, normal):
         if isinstance(item, ColumnReader):
             yield from log.take(item)
@@ -195,7 +195,7 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     yield from (other.rejected(ANOTHER) for other in parts if other is not part)
 
 
-class Clock(NamedTuple):
+class BootClock(NamedTuple):
     """Unix time minus time since boot, when the log begins, and how both are known."""
 
     offset_ns: int
@@ -203,7 +203,7 @@ class Clock(NamedTuple):
     basis: str
 
 
-def _survey(part: LogFile, schema: HeaderSchema) -> Clock:
+def _survey(part: LogFile, schema: HeaderSchema) -> BootClock:
     """Lay the time since boot on Unix time by the first rows' logging time; its zone, where it
     names none, by a stamp since 1970.
     """
@@ -249,7 +249,7 @@ def _survey(part: LogFile, schema: HeaderSchema) -> Clock:
                 unix[row] - int(times[row]) for row in np.flatnonzero(fresh).tolist() if row in unix
             ]
     offset = int(np.sort(offsets)[(len(offsets) - 1) // 2]) if offsets else 0
-    return Clock(
+    return BootClock(
         offset,
         min(unix.values()),
         f"median of the first rows' {_LOGGED} ({basis}) minus time since boot",
@@ -270,13 +270,13 @@ def _nanoseconds(time: datetime, zone: timedelta) -> int:
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
-class _Conversion:
+class _SensorLogConversion:
     """A table being converted."""
 
-    def __init__(self, schema: HeaderSchema, clock: Clock) -> None:
+    def __init__(self, schema: HeaderSchema, clock: BootClock) -> None:
         self._clock = clock
-        places = schema.places(normal)
-        self._sensors = [sensor for sensor in _SENSORS if sensor.stamp in places]
+        index = schema.index(normal)
+        self._sensors = [sensor for sensor in _SENSORS if sensor.stamp in index]
         self._last: dict[int, int] = {}
         self._topics: dict[tuple[str, str], MergedTopic] = {}
         self._sources: dict[tuple[str, str], str] = {}
@@ -319,7 +319,7 @@ class _Conversion:
             yield SourceMetadata({f"source/{name}": {"app": "SensorLog", **about}})
 
     def _new(
-        self, number: int, sensor: Sensor, reader: ColumnReader
+        self, number: int, sensor: SensorColumns, reader: ColumnReader
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Return a sensor's times, and which rows have one that is not that of the row before."""
         stamps, present = reader.exact((sensor.stamp,), 9)

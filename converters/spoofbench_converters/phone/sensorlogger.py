@@ -55,7 +55,7 @@ class Phone:
         return self.platform == "ios" and not self.standardised
 
 
-class Sensor(NamedTuple):
+class SensorTable(NamedTuple):
     """A file: the kind of source it belongs to, which one, and how its rows are read."""
 
     family: str
@@ -102,26 +102,26 @@ def _orientation(reader: ColumnReader, phone: Phone) -> Fields:
     }
 
 
-_SENSORS: Mapping[str, Sensor] = {
-    "Accelerometer": Sensor(
+_SENSORS: Mapping[str, SensorTable] = {
+    "Accelerometer": SensorTable(
         "imu", "calibrated", _vector("linear_accel_{}_mps2", is_acceleration=True)
     ),
-    "Gravity": Sensor("imu", "calibrated", _vector("gravity_{}", is_acceleration=True)),
-    "TotalAcceleration": Sensor(
+    "Gravity": SensorTable("imu", "calibrated", _vector("gravity_{}", is_acceleration=True)),
+    "TotalAcceleration": SensorTable(
         "imu", "calibrated", _vector("accel_{}_mps2", is_acceleration=True)
     ),
-    "Gyroscope": Sensor("imu", "calibrated", _vector("gyro_{}_radps")),
-    "AccelerometerUncalibrated": Sensor(
+    "Gyroscope": SensorTable("imu", "calibrated", _vector("gyro_{}_radps")),
+    "AccelerometerUncalibrated": SensorTable(
         "imu", "uncalibrated", _vector("accel_{}_mps2", is_acceleration=True, in_g_on_ios=True)
     ),
-    "GyroscopeUncalibrated": Sensor("imu", "uncalibrated", _vector("gyro_{}_radps")),
-    "Magnetometer": Sensor("mag", "calibrated", _vector("field_{}_ut")),
-    "MagnetometerUncalibrated": Sensor("mag", "uncalibrated", _vector("field_{}_ut")),
-    "Barometer": Sensor("baro", "", _barometer),
-    "LocationGps": Sensor("gnss", "GPS", _location),
-    "Location": Sensor("gnss", "FLP", _location),
-    "LocationNetwork": Sensor("gnss", "NLP", _location),
-    "Orientation": Sensor("ins", "", _orientation),
+    "GyroscopeUncalibrated": SensorTable("imu", "uncalibrated", _vector("gyro_{}_radps")),
+    "Magnetometer": SensorTable("mag", "calibrated", _vector("field_{}_ut")),
+    "MagnetometerUncalibrated": SensorTable("mag", "uncalibrated", _vector("field_{}_ut")),
+    "Barometer": SensorTable("baro", "", _barometer),
+    "LocationGps": SensorTable("gnss", "GPS", _location),
+    "Location": SensorTable("gnss", "FLP", _location),
+    "LocationNetwork": SensorTable("gnss", "NLP", _location),
+    "Orientation": SensorTable("ins", "", _orientation),
 }
 _KINDS = {"imu": "imu", "mag": "mag", "baro": "baro", "gnss": "gnss/pvt", "ins": "ins/pva"}
 _SIGNED = (
@@ -252,7 +252,7 @@ def _device(metadata: LogFile | None) -> dict[str, str]:
     return {name: text for name, text in device.items() if text}
 
 
-def _about(sensor: Sensor, names: Sequence[str], phone: Phone) -> dict[str, str]:
+def _about(sensor: SensorTable, names: Sequence[str], phone: Phone) -> dict[str, str]:
     about = {"topic": " ".join(names)}
     if sensor.family in ("imu", "mag"):
         about["device_axes"] = DEVICE_AXES
@@ -278,7 +278,7 @@ def _about(sensor: Sensor, names: Sequence[str], phone: Phone) -> dict[str, str]
     return about
 
 
-def _provider(sensor: Sensor, phone: Phone) -> dict[str, str]:
+def _provider(sensor: SensorTable, phone: Phone) -> dict[str, str]:
     if sensor.which == "GPS":
         return {"solution": "gnss", "solution_basis": "Android's GPS provider"}
     if phone.platform == "ios":

@@ -13,7 +13,7 @@ STEP_NS = 100_000_000
 JUMP_NS = (
     10_000_000_000  # sensors that are handed over in batches stand up to this behind each other
 )
-MOST_STEPS = 1000
+MAX_STEPS = 1000
 PAIRS = 100
 
 Pairs = tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -116,12 +116,12 @@ class ClockDeviation:
             [[stray[0] if self._last_ns is None else self._last_ns], stray[:-1]]
         )
         self._last_ns = int(stray[-1])
-        places = np.flatnonzero(np.abs(stray - before) > STEP_NS)
-        self.count += places.size
-        for place in places[: MOST_STEPS - len(self.steps)].tolist():
-            logged, step = int(logged_ns[place]), int(stray[place] - before[place])
+        rows = np.flatnonzero(np.abs(stray - before) > STEP_NS)
+        self.count += rows.size
+        for row in rows[: MAX_STEPS - len(self.steps)].tolist():
+            logged, step = int(logged_ns[row]), int(stray[row] - before[row])
             self.steps.append(
-                {"offset": int(offsets[place]), "from_ns": logged - step, "to_ns": logged}
+                {"offset": int(offsets[row]), "from_ns": logged - step, "to_ns": logged}
             )
 
     def about(self) -> Mapping[str, str]:

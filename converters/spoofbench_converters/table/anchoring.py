@@ -12,9 +12,9 @@ from spoofbench.gnss_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, gps_to_utc
 from spoofbench_converters.table.fields import TimeSpec, moment_ns
 from spoofbench_converters.table.mapping import Anchor, TableSpec
 from spoofbench_converters.table.reading import rows
-from spoofbench_converters.table.session import Session
+from spoofbench_converters.table.session import TableSession
 from spoofbench_converters.table.text import CellBatch
-from spoofbench_converters.table.times import TimeReader
+from spoofbench_converters.table.times import TableClock
 
 TAGS = 1000
 TAG = np.dtype([("tick", "<u4"), ("octets", "<u4")])
@@ -24,7 +24,7 @@ MS_NS = 1_000_000
 UNDATED = "the clock has no date: it counts from 1970-01-01; give the first row's with --date"
 
 
-def start_of(session: Session, date: str | None) -> tuple[int, dict[str, str]]:
+def start_of(session: TableSession, date: str | None) -> tuple[int, dict[str, str]]:
     """Return the Unix time at which the session's clock without date counts 0, and what to say of
     it in the metadata.
 
@@ -63,11 +63,11 @@ def _moment(date: str) -> int:
         ) from None
 
 
-def _table(session: Session, name: str) -> TableSpec:
+def _table(session: TableSession, name: str) -> TableSpec:
     return next(table for table in session.mapping.tables if table.name == name)
 
 
-def _rows(session: Session, table: TableSpec) -> Iterator[CellBatch]:
+def _rows(session: TableSession, table: TableSpec) -> Iterator[CellBatch]:
     yield from (
         item
         for item in rows(table, session.files[table.name], 0)
@@ -75,17 +75,17 @@ def _rows(session: Session, table: TableSpec) -> Iterator[CellBatch]:
     )
 
 
-def _first(session: Session, table: TableSpec) -> int:
+def _first(session: TableSession, table: TableSpec) -> int:
     """Return what the clock of a table counts at its first row."""
     assert table.time is not None
     for part in _rows(session, table):
-        count_ns, bad = TimeReader(table.time).read(part.columns)
+        count_ns, bad = TableClock(table.time).read(part.columns)
         if not bad.all():
             return int(count_ns[np.argmin(bad)])
     raise ConversionError(f"the table {table.name!r} of the mapping has no row with a time")
 
 
-def _by_row(session: Session, anchor: Anchor, time: TimeSpec) -> int:
+def _by_row(session: TableSession, anchor: Anchor, time: TimeSpec) -> int:
     """Return the start by the first rows with both the clock's count and a time of their own: the
     median, since the first may be wrong.
     """
@@ -93,8 +93,8 @@ def _by_row(session: Session, anchor: Anchor, time: TimeSpec) -> int:
     assert table.time is not None
     own = replace(table, time=replace(table.time, also=time.columns()))
     for part in _rows(session, own):
-        count_ns, without_count = TimeReader(table.time).read(part.columns)
-        moment_ns, without_time = TimeReader(time).read(part.columns)
+        count_ns, without_count = TableClock(table.time).read(part.columns)
+        moment_ns, without_time = TableClock(time).read(part.columns)
         good = np.flatnonzero(~without_count & ~without_time & (moment_ns > 0))
         if good.size:
             return int(np.sort(moment_ns[good] - count_ns[good])[good.size // 2])
@@ -104,7 +104,7 @@ def _by_row(session: Session, anchor: Anchor, time: TimeSpec) -> int:
     )
 
 
-def _by_tags(session: Session, anchor: Anchor) -> int:
+def _by_tags(session: TableSession, anchor: Anchor) -> int:
     """Return the start by RTKLIB's time tags of the first rows (RTKLIB ver. 2.4.2 Manual, appendix;
     stream.c): the least delayed counts.
 
@@ -116,7 +116,7 @@ def _by_tags(session: Session, anchor: Anchor) -> int:
     assert session.tags is not None
     origin_ns, ticks_ms, octets = _read_tags(session)
     for part in _rows(session, table):
-        count_ns, bad = TimeReader(table.time).read(part.columns)
+        count_ns, bad = TableClock(table.time).read(part.columns)
         size = session.files[table.name][0].size() or 0
         shortened = int(octets[-1]) > size
         ends = part.offsets + part.lengths + (np.arange(1, bad.size + 1) if shortened else 0)
@@ -129,7 +129,7 @@ def _by_tags(session: Session, anchor: Anchor) -> int:
     )
 
 
-def _read_tags(session: Session) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:
+def _read_tags(session: TableSession) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:
     """Return the time of the first tag, UTC, the tags' ticks in milliseconds and the bytes that the
     file had then.
     """

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools
 from spoofbench_converters.text.numbers import Notation, parsed
 
 NULLS = (
@@ -41,8 +42,6 @@ TABLE = Notation(
     to_even=True,
 )
 """How tables write numbers."""
-
-Bools = NDArray[np.bool_]
 
 
 def is_text(cells: Any) -> bool:

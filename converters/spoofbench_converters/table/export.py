@@ -14,13 +14,12 @@ from spoofbench.errors import ConversionError
 from spoofbench.gnss_time import SECOND_NS, gps_of_week, gps_to_utc
 from spoofbench.recording import Recording
 from spoofbench.table import Table
-from spoofbench_converters.table.earth import earth_centred
 from spoofbench_converters.table.fields import FieldSpec, TimeSpec
 from spoofbench_converters.table.files import fits
 from spoofbench_converters.table.mapping import Mapping, TableSpec, TopicSpec, load_mapping
 from spoofbench_converters.table.settings import ECEF
 from spoofbench_converters.table.times import write_times
-from spoofbench_converters.table.topic import resolve
+from spoofbench_converters.table.topic import earth_centred, resolve
 
 Rows = NDArray[np.intp]
 

@@ -118,9 +118,9 @@ def read_mat(octets: bytes, name: str, wanted: frozenset[str]) -> tuple[Numbers,
     return numbers, texts
 
 
-def _unpacked(content: memoryview, most: int) -> bytes:
+def _unpacked(content: memoryview, max_bytes: int) -> bytes:
     try:
-        return zlib.decompressobj().decompress(content, most)
+        return zlib.decompressobj().decompress(content, max_bytes)
     except zlib.error as error:
         raise _Damaged(str(error)) from error
 

@@ -51,7 +51,7 @@ def required_columns(table: TableSpec) -> set[str]:
     }
 
 
-def least_width(table: TableSpec) -> int:
+def minimum_width(table: TableSpec) -> int:
     """Return how many columns a table without header has at least: up to the last that it may not
     lack.
     """
@@ -93,7 +93,7 @@ def _names(table: TableSpec, head: Head, name: str) -> tuple[str, ...]:
         if not head.names:
             raise ConversionError(f"{name!r} has no header within its first {HEAD_BYTES:,} bytes")
         return head.names
-    if head.width and not least_width(table) <= head.width <= len(table.columns):
+    if head.width and not minimum_width(table) <= head.width <= len(table.columns):
         raise ConversionError(
             f"{name!r} has {head.width} columns, where the mapping's table {table.name!r} names "
             f"{len(table.columns)}"

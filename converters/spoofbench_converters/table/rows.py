@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from spoofbench.arrays import Bools
 from spoofbench.conversion import Item, Rejects, RowBatch, RowBuffer, Used
 from spoofbench.errors import ConversionError
 from spoofbench.table import Column
 from spoofbench_converters.append_clock import ClockAppender
-from spoofbench_converters.table.cells import Bools
 from spoofbench_converters.table.mapping import TableSpec
 from spoofbench_converters.table.text import CellBatch
-from spoofbench_converters.table.times import TimeReader
+from spoofbench_converters.table.times import TableClock
 from spoofbench_converters.table.topic import TopicReader, resolve
 
 _NO_TIME = "a time that is none"
@@ -66,7 +66,7 @@ class TableRows:
 
     def __init__(self, table: TableSpec, start_ns: int = 0, append_clock: bool = False) -> None:
         assert table.time is not None
-        self._clock = TimeReader(table.time, start_ns)
+        self._clock = TableClock(table.time, start_ns)
         self._topics = [TopicReader(topic) for topic in table.topics]
         self._buffers = [RowBuffer(topic.topic) for topic in table.topics]
         self.appender = ClockAppender() if append_clock else None

@@ -8,7 +8,7 @@ from spoofbench.conversion import Source
 from spoofbench.errors import ConversionError
 from spoofbench_converters.table.files import File, array_name, files_in, files_of, fits
 from spoofbench_converters.table.mapping import Mapping, TableSpec, load_mapping, ready_names
-from spoofbench_converters.table.reading import columns_of, least_width, required_columns
+from spoofbench_converters.table.reading import columns_of, minimum_width, required_columns
 from spoofbench_converters.table.text import read_head
 from spoofbench_converters.table.topic import resolve
 
@@ -16,7 +16,7 @@ MAX_SNIFFED = 1000
 
 
 @dataclass(slots=True)
-class Session:
+class TableSession:
     """A mapping and the files of its tables; a MAT file may hold several tables, and arrays of
     several files may be one.
 
@@ -36,7 +36,7 @@ class Session:
         yield from (table for table in self.mapping.tables if self.files.get(table.name))
 
 
-def open_session(source: Source, given: str | None) -> Session:
+def open_session(source: Source, given: str | None) -> TableSession:
     """Return the files of a log by table, with the mapping that the user gives, that the log is, or
     that knows it.
 
@@ -70,7 +70,7 @@ def open_session(source: Source, given: str | None) -> Session:
     )
 
 
-def _find_tags(session: Session, source: Source) -> None:
+def _find_tags(session: TableSession, source: Source) -> None:
     """Find the time tags beside a lone file."""
     beside = source.path.with_name(f"{source.path.name}.tag")
     anchor = session.mapping.anchor
@@ -136,13 +136,13 @@ def _patterns(mapping: Mapping) -> list[str]:
     )
 
 
-def _session(mapping: Mapping, files: Sequence[File], *, is_lone: bool) -> Session:
+def _session(mapping: Mapping, files: Sequence[File], *, is_lone: bool) -> TableSession:
     """Give each file to its table.
 
     Raises:
         ConversionError: a file fits two tables, or none does.
     """
-    session = Session(mapping)
+    session = TableSession(mapping)
     tags = mapping.anchor.tags if mapping.anchor else None
     for file in files:
         if tags is not None and fits(file.name, tags):
@@ -266,6 +266,6 @@ def _text_fits(table: TableSpec, file: File, exact: bool) -> bool:
             and bool(wanted)
             and (not exact or (bool(table.columns) and names <= set(table.columns)))
         )
-    return least_width(table) <= head.width <= len(table.columns) and (
+    return minimum_width(table) <= head.width <= len(table.columns) and (
         not exact or bool(table.signature)
     )

@@ -15,6 +15,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Ints, Octets
 from spoofbench.conversion import Reject, Rejects
 from spoofbench.errors import ConversionError
 from spoofbench_converters.table.cells import NULLS
@@ -23,9 +24,7 @@ from spoofbench_converters.text.columns import parse
 from spoofbench_converters.text.lines import BOM, CR, LF, TAB, read_pieces
 from spoofbench_converters.text.records import (
     MAX_RECORD_BYTES,
-    Found,
-    Octets,
-    Places,
+    RecordBounds,
     find,
     find_by_blanks,
     starts_with,
@@ -51,8 +50,8 @@ class CellBatch:
     """
 
     columns: Mapping[str, Any]
-    offsets: Places
-    lengths: Places
+    offsets: Ints
+    lengths: Ints
     besides: int = 0
 
 
@@ -160,7 +159,7 @@ class RecordReader:
         file.read(head.octets)
         yield CellBatch({}, np.zeros(0, np.int64), np.zeros(0, np.int64), head.octets)
 
-        def find_in(octets: bytes, last: bool) -> Found:
+        def find_in(octets: bytes, last: bool) -> RecordBounds:
             piece = np.frombuffer(octets, np.uint8)
             if self._blanks:
                 return find_by_blanks(piece, head.line_end, last)
@@ -175,7 +174,9 @@ class RecordReader:
                 octets, at, found = item
                 yield from self._sorted(np.frombuffer(octets, np.uint8), found, at)
 
-    def _sorted(self, octets: Octets, found: Found, base: int) -> Iterator[CellBatch | Rejects]:
+    def _sorted(
+        self, octets: Octets, found: RecordBounds, base: int
+    ) -> Iterator[CellBatch | Rejects]:
         """Yield the rows of complete records, and those that are damaged."""
         offsets, lengths = found.starts + base, found.lengths()
         besides = starts_with(octets, found.starts, self._comment)
@@ -205,7 +206,7 @@ class RecordReader:
         rows = CellBatch({}, offsets[sound], lengths[sound], int(lengths[besides].sum()))
         yield from self._rows(text, sizes, rows)
 
-    def _trailing(self, octets: Octets, found: Found) -> NDArray[np.bool_]:
+    def _trailing(self, octets: Octets, found: RecordBounds) -> NDArray[np.bool_]:
         """Which records end with a delimiter behind which there is nothing, beyond the last
         column.
         """
@@ -216,7 +217,7 @@ class RecordReader:
             & (octets[_last_octets(octets, found)] == self._delimiter)
         )
 
-    def _undecodable(self, octets: Octets, found: Found) -> NDArray[np.bool_]:
+    def _undecodable(self, octets: Octets, found: RecordBounds) -> NDArray[np.bool_]:
         wrong = np.zeros(found.starts.size, bool)
         if self._layout.encoding == "latin-1" or _decodes(octets):
             return wrong
@@ -225,9 +226,7 @@ class RecordReader:
             wrong[place] = not _decodes(octets[found.starts[place] : stops[place]])
         return wrong
 
-    def _rows(
-        self, octets: Octets, sizes: Places, rows: CellBatch
-    ) -> Iterator[CellBatch | Rejects]:
+    def _rows(self, octets: Octets, sizes: Ints, rows: CellBatch) -> Iterator[CellBatch | Rejects]:
         """Yield the rows of sound records of these sizes; where Arrow sees other records than we
         do, halve until the one is found.
         """
@@ -280,14 +279,14 @@ class RecordReader:
         return pc.replace_substring_regex(cells, _WITH_COMMA, r"\1.\2")
 
 
-def _any(flags: NDArray[np.bool_], starts: Places) -> NDArray[np.bool_]:
+def _any(flags: NDArray[np.bool_], starts: Ints) -> NDArray[np.bool_]:
     """Which records have a flag that is set."""
     found = np.zeros(starts.size, bool)
     found[np.searchsorted(starts, np.flatnonzero(flags), "right") - 1] = True
     return found
 
 
-def _last_octets(octets: Octets, found: Found) -> Places:
+def _last_octets(octets: Octets, found: RecordBounds) -> Ints:
     """Where the last octet before the line end of each record is."""
     last = found.starts + found.lengths() - 1
     for line_end in (LF, CR):

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools
 from spoofbench.gnss_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, WEEK_NS, gps_to_utc, utc_to_gps
 from spoofbench_converters.table.cells import (
     TABLE,
-    Bools,
     integers,
     is_text,
     numbers,
@@ -29,7 +29,7 @@ _NO_DATE_NS = -2_208_988_800 * SECOND_NS  # 1900-01-01, the day of a text withou
 _ZONED = r"[0-9](Z|z|[+-][0-9]{2}(:?[0-9]{2})?)$"
 
 
-class TimeReader:
+class TableClock:
     """Reads the time of rows as they stream by: a number that starts over is continued.
 
     Args:

@@ -6,17 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from spoofbench.arrays import Bools, Floats
 from spoofbench.conversion import RowBatch
 from spoofbench.gnss_time import SECOND_NS, utc_to_gps, week_and_tow
 from spoofbench.schema import KINDS
 from spoofbench.table import Column
 from spoofbench_converters.table import cells
-from spoofbench_converters.table.cells import Bools
-from spoofbench_converters.table.earth import geodetic
 from spoofbench_converters.table.fields import FieldSpec, enum_numbers
 from spoofbench_converters.table.mapping import TopicSpec
 from spoofbench_converters.table.settings import ECEF, Constant
-from spoofbench_converters.table.times import TimeReader
+from spoofbench_converters.table.times import TableClock
 
 _FLAGS = {"true": 1, "false": 0, "t": 1, "f": 0, "yes": 1, "no": 0, "1": 1, "0": 0}
 
@@ -65,7 +64,7 @@ class TopicReader:
         self._kind = KINDS[spec.kind]
         self._last: dict[str, str | None] = {}
         self._clocks = {
-            name: TimeReader(time)
+            name: TableClock(time)
             for name, time in (("claims", spec.claims), ("receive_time_ns", spec.receive_time))
             if time
         }
@@ -205,7 +204,7 @@ def _mapped(
 
 
 def _time(
-    name: str, clock: TimeReader, available: Mapping[str, Any]
+    name: str, clock: TableClock, available: Mapping[str, Any]
 ) -> tuple[dict[str, Column], Bools]:
     """Return the fields of a time, and which rows have something there that is no time."""
     spec = clock.spec
@@ -222,3 +221,44 @@ def _time(
         }
     there = np.logical_and.reduce([cells.present(available[name]) for name in spec.columns()])
     return columns, np.asarray(bad & there)
+
+
+def geodetic(columns: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return ``lat_deg lon_deg height_m`` on WGS 84 and ``vel_n_mps vel_e_mps vel_d_mps``, each
+    ``(n,)``.
+
+    Args:
+        columns: ``ecef_position[0..2]`` in metres, and, if there is a velocity,
+            ``ecef_velocity[0..2]`` in m/s.
+    """
+    import pymap3d
+
+    x, y, z = (columns[f"ecef_position[{place}]"] for place in range(3))
+    if not x.size:
+        return {}
+    lat, lon, height = pymap3d.ecef2geodetic(x, y, z)
+    found = {"lat_deg": lat, "lon_deg": lon, "height_m": height}
+    if "ecef_velocity[0]" in columns:
+        east, north, up = pymap3d.ecef2enuv(
+            *(columns[f"ecef_velocity[{place}]"] for place in range(3)), lat, lon
+        )
+        found |= {"vel_n_mps": north, "vel_e_mps": east, "vel_d_mps": -up}
+    absent = np.isnan(x + y + z)
+    return {name: np.where(absent, np.nan, values) for name, values in found.items()}
+
+
+def earth_centred(rows: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return ``ecef_position[0..2]`` and ``ecef_velocity[0..2]`` of rows: the reverse of
+    :func:`geodetic`.
+    """
+    import pymap3d
+
+    lat, lon = rows["lat_deg"], rows["lon_deg"]
+    position = pymap3d.geodetic2ecef(lat, lon, rows["height_m"])
+    velocity = pymap3d.enu2uvw(rows["vel_e_mps"], rows["vel_n_mps"], -rows["vel_d_mps"], lat, lon)
+    triples = (("ecef_position", position), ("ecef_velocity", velocity))
+    return {
+        f"{name}[{place}]": np.asarray(values)
+        for name, triple in triples
+        for place, values in enumerate(triple)
+    }

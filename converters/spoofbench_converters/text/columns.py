@@ -69,19 +69,19 @@ class ColumnReader:
 
     Attributes:
         lines: the lines, none of them blank.
-        places: place of each column by name.
+        index: number of each column by name.
         bad: bool ``(n,)``, which have had, in the columns read so far, a cell that is no number.
     """
 
     def __init__(
         self,
         lines: Lines,
-        places: Mapping[str, int],
+        index: Mapping[str, int],
         delimiter: str = ",",
         decimal_comma: bool = False,
     ) -> None:
         self.lines = lines
-        self.places = places
+        self.index = index
         self.bad = np.zeros(len(lines), bool)
         self._delimiter, self._decimal_comma = delimiter, decimal_comma
         self._width = int(lines.cells[0]) if len(lines) else 0
@@ -92,7 +92,7 @@ class ColumnReader:
         return len(self.lines)
 
     def __contains__(self, name: str) -> bool:
-        return self.places.get(name, self._width) < self._width
+        return self.index.get(name, self._width) < self._width
 
     @property
     def offset(self) -> NDArray[np.int64]:
@@ -104,12 +104,12 @@ class ColumnReader:
         """How many bytes each row takes, ``(n,)``."""
         return self.lines.lengths
 
-    def cells(self, place: int) -> Any:
+    def cells(self, number: int) -> Any:
         """Return the cells of one column as an Arrow array of texts, null where empty; blanks and
         quotation marks around a cell are no part of it.
         """
         if self._cells is None:
-            names = [str(number) for number in range(self._width)]
+            names = [str(each) for each in range(self._width)]
             self._cells = parse(
                 self.lines.joined(),
                 names,
@@ -121,12 +121,12 @@ class ColumnReader:
             )
             assert self._cells is not None
             assert self._cells.num_rows == len(self), "lines were miscounted"
-        return numbers.stripped(self._cells.column(place).combine_chunks())
+        return numbers.stripped(self._cells.column(number).combine_chunks())
 
     def take(self, rows: slice) -> "ColumnReader":
         """Return the rows that a slice selects, none of them bad yet."""
         taken = ColumnReader(
-            self.lines.take(rows), self.places, self._delimiter, self._decimal_comma
+            self.lines.take(rows), self.index, self._delimiter, self._decimal_comma
         )
         if self._cells is not None:
             start, stop, _ = rows.indices(len(self))
@@ -139,7 +139,7 @@ class ColumnReader:
         """
         for name in names:
             if name in self:
-                values, bad = numbers.floats(self.cells(self.places[name]), self._decimal_comma)
+                values, bad = numbers.floats(self.cells(self.index[name]), self._decimal_comma)
                 self.bad |= bad
                 return values
         return np.full(len(self), np.nan)
@@ -153,7 +153,7 @@ class ColumnReader:
         for name in names:
             if name in self:
                 values, present, bad = numbers.scaled(
-                    self.cells(self.places[name]), decimals, self._decimal_comma
+                    self.cells(self.index[name]), decimals, self._decimal_comma
                 )
                 self.bad |= bad
                 return values, present
@@ -163,7 +163,7 @@ class ColumnReader:
         """Return a column of words, empty where there is none."""
         if name not in self:
             return np.zeros(len(self), "S1")
-        return numbers.words(numbers.Cells.of(self.cells(self.places[name])))
+        return numbers.words(numbers.TextCells.of(self.cells(self.index[name])))
 
     def rejects(self, rows: NDArray[np.bool_], reason: str) -> Iterator[Rejects]:
         """Yield the rows that a mask selects as rejects, if there are any."""

@@ -39,7 +39,7 @@ class Notation:
 
         if self.max_bytes is None:
             return texts, np.zeros(len(texts), bool)
-        cells = Cells.of(texts)
+        cells = TextCells.of(texts)
         long = cells.ends - cells.starts > self.max_bytes
         if long.any():
             texts = pc.if_else(pa.array(long), pa.scalar(None, pa.string()), texts)
@@ -99,7 +99,7 @@ class Integers(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cells:
+class TextCells:
     """Where each of n cells starts and ends in ``octets``, int64 ``(n,)``; an empty one has no
     length.
     """
@@ -109,18 +109,18 @@ class Cells:
     ends: NDArray[np.int64]
 
     @classmethod
-    def of(cls, texts: Any) -> "Cells":
+    def of(cls, texts: Any) -> "TextCells":
         """Return an Arrow array of texts, without a copy."""
         _, offsets, content = texts.buffers()
         bounds = np.frombuffer(offsets, np.int32)[texts.offset : texts.offset + len(texts) + 1]
         octets = np.empty(0, np.uint8) if content is None else np.frombuffer(content, np.uint8)
         return cls(octets, bounds[:-1].astype(np.int64), bounds[1:].astype(np.int64))
 
-    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Cells":
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "TextCells":
         """Return the cells that a mask or index array selects."""
-        return Cells(self.octets, self.starts[rows], self.ends[rows])
+        return TextCells(self.octets, self.starts[rows], self.ends[rows])
 
-    def stripped(self) -> "Cells":
+    def stripped(self) -> "TextCells":
         """Return the cells without one blank on either side, then without a pair of quotation
         marks.
         """
@@ -141,7 +141,7 @@ class Cells:
             ends -= filled & last & (ends > starts)
         if np.array_equal(starts, self.starts) and np.array_equal(ends, self.ends):
             return self
-        return Cells(octets, starts, ends)
+        return TextCells(octets, starts, ends)
 
     def texts(self) -> Any:
         """Return the cells as an Arrow array of texts, null where empty."""
@@ -163,8 +163,8 @@ class Cells:
 
 
 def stripped(texts: Any) -> Any:
-    """Return an Arrow array of texts as :meth:`Cells.stripped` does, null where nothing is left."""
-    cells = Cells.of(texts)
+    """Return an Arrow array of texts as :meth:`TextCells.stripped`, null where nothing is left."""
+    cells = TextCells.of(texts)
     inner = cells.stripped()
     return texts if inner is cells else inner.texts()
 
@@ -230,7 +230,7 @@ def _has_exponents(texts: Any) -> bool:
     """Return whether there may be an exponent: at ``1e-400`` and the like Arrow's cast to decimals
     reads out of bounds, and may crash.
     """
-    octets = Cells.of(texts).octets
+    octets = TextCells.of(texts).octets
     return bool(np.any((octets | 32) == ord("e")))
 
 
@@ -266,7 +266,7 @@ def _scaled_text(text: str, decimals: int, to_even: bool) -> int | None:
     return count if abs(count) < MAX_COUNT else None
 
 
-def words(cells: Cells, longest: int = 32) -> NDArray[np.bytes_]:
+def words(cells: TextCells, longest: int = 32) -> NDArray[np.bytes_]:
     """Read cells as words, cut to their first bytes: an array of fixed-width bytes ``(n,)``."""
     lengths = np.minimum(cells.ends - cells.starts, longest)
     width = max(int(lengths.max(initial=0)), 1)

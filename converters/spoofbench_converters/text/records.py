@@ -10,18 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Ints, Octets
 from spoofbench_converters.text.lines import BLANK, CR, LF, QUOTE, TAB
 
 MAX_RECORD_BYTES = 2**20
 MAX_RECORD_LINES = 64
 
-Octets = NDArray[np.uint8]
-Places = NDArray[np.int64]
-Bools = NDArray[np.bool_]
-
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class RecordBounds:
     """Records of a piece of text; each ends where the next starts, the last one at ``end``.
 
     Attributes:
@@ -31,12 +28,12 @@ class Found:
         damaged: bool ``(n,)``, records whose quotation marks do not fit.
     """
 
-    starts: Places
+    starts: Ints
     end: int
-    cells: Places
+    cells: Ints
     damaged: Bools
 
-    def lengths(self) -> Places:
+    def lengths(self) -> Ints:
         return np.diff(self.starts, append=self.end)
 
 
@@ -52,7 +49,7 @@ class _Marks:
     fit_inside: Bools
 
 
-def find(octets: Octets, delimiter: int, line_end: int, comment: bytes, last: bool) -> Found:
+def find(octets: Octets, delimiter: int, line_end: int, comment: bytes, last: bool) -> RecordBounds:
     """Return the records of a piece that begins with a record; ``last``: no more text follows."""
     ends = np.flatnonzero(octets == line_end) + 1
     if last and octets.size and (not ends.size or ends[-1] < octets.size):
@@ -63,7 +60,7 @@ def find(octets: Octets, delimiter: int, line_end: int, comment: bytes, last: bo
     end = int(ends[-1]) if ends.size else 0
     places = np.flatnonzero(octets[:end] == QUOTE)
     if not places.size:
-        return Found(
+        return RecordBounds(
             starts, end, _count(octets[:end] == delimiter, starts) + 1, np.zeros(starts.size, bool)
         )
     marks = _marks(octets[:end], places, starts, delimiter, starts_with(octets, starts, comment))
@@ -75,7 +72,7 @@ def find(octets: Octets, delimiter: int, line_end: int, comment: bytes, last: bo
     turns = np.zeros(end, np.uint8)
     turns[special[special < end]] = 1
     outside = np.cumsum(turns, dtype=np.uint8) % 2 == 0
-    return Found(
+    return RecordBounds(
         starts[first],
         end,
         _count((octets[:end] == delimiter) & outside, starts[first]) + 1,
@@ -83,7 +80,7 @@ def find(octets: Octets, delimiter: int, line_end: int, comment: bytes, last: bo
     )
 
 
-def starts_with(octets: Octets, starts: Places, prefix: bytes) -> Bools:
+def starts_with(octets: Octets, starts: Ints, prefix: bytes) -> Bools:
     """Which of the records or lines at these places start with a prefix; none if it is empty."""
     found: Bools = np.full(starts.size, bool(prefix))
     for place, octet in enumerate(prefix):
@@ -92,12 +89,12 @@ def starts_with(octets: Octets, starts: Places, prefix: bytes) -> Bools:
     return found
 
 
-def find_by_blanks(octets: Octets, line_end: int, last: bool) -> Found:
+def find_by_blanks(octets: Octets, line_end: int, last: bool) -> RecordBounds:
     """Return the lines of a piece whose cells are words separated by blanks or tabs; marks have no
     meaning.
     """
     found = find(np.where(octets == QUOTE, np.uint8(0), octets), 0, line_end, b"", last)
-    return Found(
+    return RecordBounds(
         found.starts,
         found.end,
         _count(_word_starts(octets[: found.end]), found.starts),
@@ -122,14 +119,12 @@ def _word_starts(octets: Octets) -> Bools:
     return np.asarray(~gap & np.append(True, gap[:-1])[: gap.size])
 
 
-def _count(flags: NDArray[np.bool_], starts: Places) -> Places:
+def _count(flags: NDArray[np.bool_], starts: Ints) -> Ints:
     """Return how many flags are set from each start to the next, the last one's to the end."""
     return np.diff(np.searchsorted(np.flatnonzero(flags), np.append(starts, flags.size)))
 
 
-def _marks(
-    octets: Octets, places: Places, starts: Places, delimiter: int, comments: Bools
-) -> _Marks:
+def _marks(octets: Octets, places: Ints, starts: Ints, delimiter: int, comments: Bools) -> _Marks:
     lines = np.searchsorted(starts, places, "right") - 1
     counts = np.bincount(lines, minlength=starts.size)
     order = np.arange(places.size) - (np.cumsum(counts) - counts)[lines]
@@ -145,7 +140,7 @@ def _marks(
     return _Marks(counts % 2 == 1, none | comments, outside, inside)
 
 
-def _records(marks: _Marks, starts: Places, ends: Places, last: bool) -> tuple[Places, Bools, int]:
+def _records(marks: _Marks, starts: Ints, ends: Ints, last: bool) -> tuple[Ints, Bools, int]:
     """Return the first lines of the records, which are damaged, and how many lines belong to
     complete records.
     """
@@ -175,16 +170,14 @@ def _records(marks: _Marks, starts: Places, ends: Places, last: bool) -> tuple[P
     return _around_damage(marks, starts, ends, last)
 
 
-def _too_long(starts: Places, ends: Places, first: int) -> bool:
+def _too_long(starts: Ints, ends: Ints, first: int) -> bool:
     """Whether an open record has more lines or bytes than a record may have."""
     return first < starts.size and (
         starts.size - first > MAX_RECORD_LINES or int(ends[-1] - starts[first]) > MAX_RECORD_BYTES
     )
 
 
-def _around_damage(
-    marks: _Marks, starts: Places, ends: Places, last: bool
-) -> tuple[Places, Bools, int]:
+def _around_damage(marks: _Marks, starts: Ints, ends: Ints, last: bool) -> tuple[Ints, Bools, int]:
     """Do what :func:`_records` does line by line."""
     odd, literal = marks.odd.tolist(), marks.literal.tolist()
     fit_outside, fit_inside = marks.fit_outside.tolist(), marks.fit_inside.tolist()
