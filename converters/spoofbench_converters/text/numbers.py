@@ -11,9 +11,9 @@ from spoofbench_converters.text.lines import BLANK, QUOTE
 
 MAX_NUMBER_BYTES = 48
 MAX_COUNT = 2**63 - 2**10
-_NUMBER = r"^[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?$"
+_NUMBER = r"^[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,15})?$"
 _PLAIN = r"^[+-]?[0-9]{1,18}(\.[0-9]{0,18})?$"
-_BEYOND_MEASURE = 1e100
+_MAX_EXPONENT = 100  # numbers from 1e100 on are as good as infinite
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +190,7 @@ def parsed(texts: Any, notation: Notation) -> tuple[NDArray[np.float64], NDArray
 def floats(texts: Any, decimal_comma: bool = False) -> Floats:
     """Read an Arrow array of texts as decimal numbers of an app, correctly rounded."""
     values, bad = parsed(_with_points(texts) if decimal_comma else texts, PHONE)
-    values[~(np.abs(values) < _BEYOND_MEASURE)] = np.nan
+    values[~(np.abs(values) < 10.0**_MAX_EXPONENT)] = np.nan
     return Floats(values, bad)
 
 
@@ -220,7 +220,10 @@ def scaled(
     values, present, beyond = _unscaled(pc.cast(rounded, pa.decimal128(38, decimals)))
     others = pc.fill_null(pc.invert(is_plain), False).to_numpy(zero_copy_only=False)
     for row in np.flatnonzero(others).tolist():
-        value = _scaled_text(numbers[row].as_py(), decimals, notation.to_even)
+        number = Decimal(numbers[row].as_py())
+        if number.adjusted() >= _MAX_EXPONENT and number:
+            continue  # as good as infinite: there is none
+        value = _scaled_number(number, decimals, notation.to_even)
         present[row], beyond[row] = value is not None, value is None
         values[row] = value or 0
     return Integers(values, present, bad | wrong | beyond)
@@ -254,9 +257,8 @@ def _unscaled(exact: Any) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray
     return np.where(beyond, 0, low), there & ~beyond, beyond
 
 
-def _scaled_text(text: str, decimals: int, to_even: bool) -> int | None:
-    """Return one decimal number times ``10**decimals``, None if that cannot be counted."""
-    value = Decimal(text)
+def _scaled_number(value: Decimal, decimals: int, to_even: bool) -> int | None:
+    """Return one number times ``10**decimals``, None if that cannot be counted."""
     if value and value.adjusted() + decimals > 18:
         return None
     if value.adjusted() + decimals < -1:
