@@ -13,14 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from spoofbench_innovation import error_model, filtering, gains
-from spoofbench_innovation.grades import GRADES
-from spoofbench_innovation.preintegration import rotations
+from spoofbench_innovation.error_model import GRADES
 
 from benchmarks.speed.frame import Job
-
-Floats = NDArray[np.float64]
+from spoofbench.arrays import Floats
+from spoofbench.navigation.preintegration import rotations
 
 EPOCHS, VARIANTS, PEER_VARIANTS = 2602, 100, 2
 
@@ -40,17 +38,17 @@ class Material:
         self.initial = np.diag(np.repeat([2.25, 0.01, 0.005, 0.0025, 3e-6], 3))
         self.values = np.sqrt(self.noise)[:, :, None] * rng.normal(0, 1, (EPOCHS, 6, VARIANTS))
 
-    def prepared(self) -> filtering.Shared:
+    def prepared(self) -> filtering.FilterRun:
         """What the variants share."""
         found = gains.recursion(self.initial, self.transition, self.process, self.noise)
         still = np.zeros((EPOCHS, error_model.STATES, 5))
-        return filtering.Shared(
+        return filtering.FilterRun(
             gains.block_matrices(self.transition, found.gain),
             gains.block_motion(self.transition, still),
             found.innovation,
         )
 
-    def ours(self, shared: filtering.Shared | None, variants: int) -> Floats:
+    def ours(self, shared: filtering.FilterRun | None, variants: int) -> Floats:
         """The innovations of so many variants, ``(n, 6, v)``."""
         state = np.zeros((error_model.STATES, variants))
         return filtering.run_filter(

@@ -5,9 +5,9 @@ with all sensors' errors drawn.
 import numpy as np
 import pytest
 from spoofbench_innovation import InnovationMonitor, filtering
-from spoofbench_innovation.grades import GRADES, GradeName
-from spoofbench_innovation.measurements import EARTH_RATE_RADPS, gravity_mps2
+from spoofbench_innovation.error_model import GRADES, GradeName
 
+from spoofbench.navigation.gnss import EARTH_RATE_RADPS, normal_gravity_mps2
 from spoofbench.recording import Recording
 from spoofbench.table import Table
 from spoofbench.testing.motion import STEP_S, body_from_ned, make_motion
@@ -25,7 +25,8 @@ def simulated(grade: GradeName, seed: int, duration_s: float = 400.0) -> Recordi
     middle = (motion.attitude_rad[1:] + motion.attitude_rad[:-1]) / 2
     to_body = body_from_ned(middle)
     force = np.matvec(
-        to_body, np.diff(motion.velocity_mps, axis=0) / STEP_S - [0, 0, gravity_mps2(lat, height)]
+        to_body,
+        np.diff(motion.velocity_mps, axis=0) / STEP_S - [0, 0, normal_gravity_mps2(lat, height)],
     )
     rate = motion.angular_rate_radps[1:] + to_body @ (
         EARTH_RATE_RADPS * np.array([np.cos(lat), 0, -np.sin(lat)])
@@ -94,9 +95,7 @@ def test_the_squared_innovations_have_the_mean_of_chi_square(grade: GradeName) -
     assert mean_nis(grade, range(4)) == pytest.approx(1.0, abs=0.05)
 
 
-def test_a_navigation_grade_imu_is_better_than_a_filter_linear_about_a_level_from_accelerometers() -> (
-    None
-):
+def test_a_navigation_grade_imu_is_better_than_a_filter_levelled_by_accelerometers() -> None:
     """A tilt of E leaves g E^2 / 2, a hundred times its accelerometers' bias for 3 deg: the mean is
     too large, by less than a quarter.
     """

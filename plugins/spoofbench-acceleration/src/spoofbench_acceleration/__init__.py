@@ -2,6 +2,6 @@
 ION Pacific PNT 2017).
 """
 
-from spoofbench_acceleration.monitor import AccelerationMonitor, Comparison
+from spoofbench_acceleration.monitor import AccelerationMonitor, ForceComparison
 
-__all__ = ["AccelerationMonitor", "Comparison"]
+__all__ = ["AccelerationMonitor", "ForceComparison"]

@@ -9,28 +9,26 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Floats, Times
 from spoofbench.detector import Decisions
+from spoofbench.navigation.gnss import lacks_fix, local_position_ned, velocity_ned
+from spoofbench.navigation.imu import imu_axes
 from spoofbench.recording import Recording
-from spoofbench.schema import split_topic
-from spoofbench.schema.v1 import gnss_pb2
 from spoofbench.table import Table
 from spoofbench_acceleration.motion import (
-    Track,
+    GnssMotion,
     heading_rad,
-    local_position_m,
+    motion_from_position,
+    motion_from_velocity,
     pitch_rad,
     roll_rad,
     sensed_force,
     specific_force,
-    track_from_position,
-    track_from_velocity,
 )
 from spoofbench_acceleration.statistics import (
     Averaging,
     Executive,
-    Floats,
     chi_square,
     executive_margin,
     exponential_average,
@@ -38,17 +36,22 @@ from spoofbench_acceleration.statistics import (
     sample_statistics,
 )
 
-Axis = Literal["vertical", "along_track"]
-Origin = Literal["velocity", "position"]
-
-_NO_FIX = (gnss_pb2.FIX_TYPE_NONE, gnss_pb2.FIX_TYPE_DEAD_RECKONING, gnss_pb2.FIX_TYPE_TIME_ONLY)
+ComparedAxis = Literal["vertical", "along_track"]
+AccelerationSource = Literal["velocity", "position"]
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
-    """Specific force along the compared axis at each epoch, m/s^2, ``(n,)``; NaN is unavailable."""
+class ForceComparison:
+    """Specific force along the compared axis over the interval that ends at each epoch, ``(n,)``;
+    NaN is unavailable.
 
-    time_ns: NDArray[np.int64]
+    Attributes:
+        time_ns: of the epochs.
+        sensed_mps2: what the accelerometer felt.
+        expected_mps2: what GNSS lets expect.
+    """
+
+    time_ns: Times
     sensed_mps2: Floats
     expected_mps2: Floats
 
@@ -94,10 +97,10 @@ class AccelerationMonitor:
     """
 
     executive: Executive = "multi"
-    axis: Axis = "vertical"
+    axis: ComparedAxis = "vertical"
     pitch: bool = False
     roll: bool = False
-    acceleration_from: Origin = "velocity"
+    acceleration_from: AccelerationSource = "velocity"
     averaging: Averaging = "span"
     averaging_s: float = 5.0
     samples: int = 8
@@ -122,8 +125,8 @@ class AccelerationMonitor:
     def __post_init__(self) -> None:
         for name, kind in (
             ("executive", Executive),
-            ("axis", Axis),
-            ("acceleration_from", Origin),
+            ("axis", ComparedAxis),
+            ("acceleration_from", AccelerationSource),
             ("averaging", Averaging),
         ):
             if getattr(self, name) not in get_args(kind):
@@ -175,7 +178,7 @@ class AccelerationMonitor:
         score = executive_margin(time_s, z, chi2, self.window_s, shares, self.executive)
         return Decisions(comparison.time_ns, score, ~np.isnan(mean))
 
-    def compare(self, recording: Recording) -> Comparison:
+    def compare(self, recording: Recording) -> ForceComparison:
         """Return what the accelerometer felt and what GNSS lets expect, neither of them averaged
         over epochs.
 
@@ -184,40 +187,38 @@ class AccelerationMonitor:
         """
         pvt, imu = recording.primary("gnss/pvt").last_per_time(), recording.primary("imu")
         axis = "forward" if self.axis == "along_track" else "up"
-        source = split_topic(recording.topics("imu")[0])[0]
-        axes = self.axes or recording.metadata.get(f"source/{source}", {}).get("axes", "frd")
+        axes = self.axes or imu_axes(recording)
         time_s = _seconds(pvt.time_ns)
-        track = self._track(pvt, time_s)
-        expected = specific_force(track, self._attitude(track), axis, self.gravity_mps2)
+        motion = self._motion(pvt, time_s)
+        expected = specific_force(motion, self._attitude(motion), axis, self.gravity_mps2)
         sensed = sensed_force(imu, axes, axis, pvt.time_ns - round(self.lag_s * 1e9))
-        return Comparison(pvt.time_ns, sensed, expected)
+        return ForceComparison(pvt.time_ns, sensed, expected)
 
-    def _attitude(self, track: Track) -> tuple[Floats, Floats, Floats]:
-        level = np.zeros(len(track.velocity_mps))
-        heading = heading_rad(track.velocity_mps, self.slowest_mps / 4)
-        pitch = pitch_rad(track.velocity_mps, self.slowest_mps) if self.pitch else level
-        roll = roll_rad(track, self.gravity_mps2, self.slowest_mps) if self.roll else level
+    def _attitude(self, motion: GnssMotion) -> tuple[Floats, Floats, Floats]:
+        """Return roll, pitch and heading of the IMU, rad, ``(n,)`` each."""
+        velocity = motion.velocity_mps
+        level = np.zeros(len(velocity))
+        heading = heading_rad(velocity, self.slowest_mps / 4)
+        pitch = pitch_rad(velocity, self.slowest_mps) if self.pitch else level
+        roll = roll_rad(motion, self.gravity_mps2, self.slowest_mps) if self.roll else level
         if self.axis == "vertical":  # hardly depends on them: what is unknown counts as level
             heading, pitch = np.nan_to_num(heading), np.nan_to_num(pitch)
         return roll, pitch + np.radians(self.mounting_pitch_deg), heading
 
-    def _track(self, pvt: Table, time_s: Floats) -> Track:
-        names = (
-            ("vel_n_mps", "vel_e_mps", "vel_d_mps")
-            if self.acceleration_from == "velocity"
-            else ("lat_deg", "lon_deg", "height_m")
-        )
-        columns = [pvt[name] for name in names]
+    def _motion(self, pvt: Table, time_s: Floats) -> GnssMotion:
+        if self.acceleration_from == "velocity":
+            vectors = velocity_ned(pvt)
+        else:
+            vectors = np.column_stack([pvt[name] for name in ("lat_deg", "lon_deg", "height_m")])
         if self.gate:
-            refused = np.isin(pvt["fix_type"], _NO_FIX) & pvt.valid("fix_type")
-            columns = [np.where(refused, np.nan, column) for column in columns]
+            vectors[lacks_fix(pvt)] = np.nan
         steps_s = np.diff(time_s)
         steps_s[steps_s > self.averaging_s] = np.nan
         if self.acceleration_from == "velocity":
-            return track_from_velocity(steps_s, np.column_stack(columns))
-        return track_from_position(steps_s, local_position_m(*columns))
+            return motion_from_velocity(steps_s, vectors)
+        return motion_from_position(steps_s, local_position_ned(*vectors.T))
 
 
-def _seconds(time_ns: NDArray[np.int64]) -> Floats:
-    """Seconds since the first epoch."""
+def _seconds(time_ns: Times) -> Floats:
+    """Return seconds since the first epoch, ``(n,)``."""
     return (time_ns - time_ns[:1]).astype(np.float64) * 1e-9

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from spoofbench.arrays import Floats, Indices, Ints
+
 Averaging = Literal["span", "time_constant"]
 Executive = Literal["simple", "multi"]
 
@@ -18,12 +18,16 @@ _BLOCK = 1_000_000
 
 
 def weights(steps_s: Floats, averaging_s: float, averaging: Averaging) -> Floats:
-    """Weights of new samples in the exponential average over T seconds; same shape as the steps
-    between samples.
+    """Return the weights of new samples in the exponential average over T seconds, ``(n,)``.
 
     The paper does not say what its 5 s are: of a span, 2 / (T / dt + 1), they turn its static 1.198
     m/s^2 into 0.028 as printed; as a time constant, 1 - exp(-dt / T), they suit its accelerometer
     better.
+
+    Args:
+        steps_s: dt, the time since the sample before, ``(n,)``.
+        averaging_s: T.
+        averaging: what T means.
     """
     if averaging == "span":
         return 2 / (averaging_s / steps_s + 1)
@@ -32,9 +36,9 @@ def weights(steps_s: Floats, averaging_s: float, averaging: Averaging) -> Floats
 
 def exponential_average(
     time_s: Floats, values: Floats, averaging_s: float, averaging: Averaging
-) -> tuple[Floats, NDArray[np.int64]]:
+) -> tuple[Floats, Ints]:
     """Return the exponential average, NaN where the input is, and the number of the run that each
-    row belongs to.
+    row belongs to, ``(n,)`` each.
 
     An unavailable input holds the state; more than ``averaging_s`` since the last available one
     restarts the average with its input, as a new run.
@@ -63,14 +67,14 @@ def exponential_average(
 
 
 def sample_statistics(
-    differences: Floats, runs: NDArray[np.int64], samples: int, stride: int
+    differences: Floats, runs: Ints, samples: int, stride: int
 ) -> tuple[Floats, Floats]:
-    """Return mean and unbiased variance of the last samples, NaN unless all of them are available
-    and of one run.
+    """Return mean and unbiased variance of the last samples, ``(n,)`` each; NaN unless all of them
+    are available and of one run.
 
     Args:
         differences: averaged acceleration difference, m/s^2, ``(n,)``.
-        runs: from :func:`exponential_average`.
+        runs: from :func:`exponential_average`, ``(n,)``.
         samples: how many, n of Lo et al. (2017) Eq (6).
         stride: every how many rows one is taken, the last row being the newest sample.
     """
@@ -85,21 +89,31 @@ def sample_statistics(
 
 
 def mean_difference(mean: Floats, bias_mps2: float, sigma_mps2: float) -> Floats:
-    """Return z of Lo et al. (2017) Eq (5), with the absolute mean: its threshold 6.1 is a two-sided
-    one.
+    """Return z of Lo et al. (2017) Eq (5), ``(n,)``, with the absolute mean: its threshold 6.1 is a
+    two-sided one.
+
+    Args:
+        mean: of the averaged difference, m/s^2, ``(n,)``.
+        bias_mps2: largest nominal bias.
+        sigma_mps2: standard deviation of the averaged difference.
     """
     return np.maximum(np.abs(mean) - bias_mps2, 0) / sigma_mps2
 
 
 def chi_square(variance: Floats, samples: int, sigma_mps2: float) -> Floats:
-    """Return the chi-square statistic of Lo et al. (2017) Eq (6), of ``samples`` - 1 degrees of
-    freedom.
+    """Return the chi-square statistic of Lo et al. (2017) Eq (6), ``(n,)``, of ``samples`` - 1
+    degrees of freedom.
+
+    Args:
+        variance: of the last samples, (m/s^2)^2, ``(n,)``.
+        samples: how many.
+        sigma_mps2: standard deviation of the averaged difference.
     """
     return (samples - 1) * variance / sigma_mps2**2
 
 
 def nominal_interval_s(time_s: Floats) -> Floats:
-    """Return the median of the last nine intervals at each row, NaN at the first; ``(n,)``."""
+    """Return the median of the last nine intervals at each row, ``(n,)``; NaN at the first."""
     steps = np.full(time_s.size + _INTERVALS - 1, np.nan)
     steps[_INTERVALS:] = np.diff(time_s)
     windows = np.sort(sliding_window_view(steps, _INTERVALS), axis=1)
@@ -145,8 +159,8 @@ def executive_margin(
     return margin if executive == "simple" else np.maximum(margin, _ranked(chi2, first, alone))
 
 
-def _ranked(ratios: Floats, first: NDArray[np.intp], place: NDArray[np.int64]) -> Floats:
-    """Each row's (place + 1)-th largest ratio since its first row, 0 where there are fewer;
+def _ranked(ratios: Floats, first: Indices, rank: Ints) -> Floats:
+    """Return each row's (rank + 1)-th largest ratio since its first row, 0 where there are fewer;
     ``(n,)``.
     """
     rows = np.arange(first.size)
@@ -159,11 +173,11 @@ def _ranked(ratios: Floats, first: NDArray[np.intp], place: NDArray[np.int64]) -
     for block in np.array_split(rows, max(1, first.size * longest // _BLOCK)):
         inside = age <= (block - first[block])[:, None]
         smallest_first = np.sort(np.where(inside, windows[block], 0.0), axis=1)
-        enough = place[block] < longest
+        enough = rank[block] < longest
         result[block] = np.where(
             enough,
             smallest_first[
-                np.arange(block.size), longest - 1 - np.minimum(place[block], longest - 1)
+                np.arange(block.size), longest - 1 - np.minimum(rank[block], longest - 1)
             ],
             0.0,
         )

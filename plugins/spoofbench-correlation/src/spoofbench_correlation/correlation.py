@@ -5,19 +5,25 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Floats, Times
 from spoofbench.detector import Decisions
+from spoofbench.navigation.imu import ImuMeans, Standstill, interval_means, is_stationary
 from spoofbench.recording import Recording
 from spoofbench.table import Table
-from spoofbench_correlation import gnss, gravity, imu, windows
-from spoofbench_correlation.series import Comparison, series
+from spoofbench_correlation import gravity, windows
+from spoofbench_correlation.series import (
+    LONGEST_PAIR_S,
+    ReceiverVelocity,
+    SeriesName,
+    receiver_velocity,
+    series,
+)
 
-Floats = NDArray[np.float64]
-Statistic = Literal[Comparison, "M", "H"]
+CorrelationStatistic = Literal[SeriesName, "M", "H"]
 Gravity = Literal["low_pass", "descent", "constant"]
 
-COMPARISONS: Mapping[Statistic, tuple[Comparison, ...]] = {
+SERIES: Mapping[CorrelationStatistic, tuple[SeriesName, ...]] = {
     "M_acc": ("M_acc",),
     "M_ag": ("M_ag",),
     "H_acc": ("H_acc",),
@@ -25,9 +31,8 @@ COMPARISONS: Mapping[Statistic, tuple[Comparison, ...]] = {
     "M": ("M_acc", "M_ag"),
     "H": ("H_acc", "H_ag"),
 }
-TURN_SPEED_MPS = (
-    10.0  # at which adaptive weighting takes a yaw rate and its centripetal acceleration as equal
-)
+TURN_SPEED_MPS = 10.0
+"""At which adaptive weighting takes a yaw rate and its centripetal acceleration as equal."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +50,9 @@ class Correlation:
         alpha: weight of the angular rate in Eq (15).
         adaptive: weigh by dynamics. The paper gives no formula; here ``alpha : 1 - alpha`` is
             multiplied by the ratio of the rate's standard deviation, times 10 m/s, to the
-            acceleration's, each the lesser of what GNSS and IMU saw in the window.
+            acceleration's, each the smaller of what GNSS and IMU saw in the window.
         window_s: length of the window.
-        threshold: least correlation that raises no alert; 0.7 is the paper's for its best IMU,
+        threshold: lowest correlation that raises no alert; 0.7 is the paper's for its best IMU,
             others need their own.
         gravity: ``low_pass`` with time constant ``gravity_s``; ``descent`` on Eq (13) and (14),
             averaged over ``gravity_s``; ``constant``, the mean of all specific force so far.
@@ -64,7 +69,7 @@ class Correlation:
     requires: ClassVar[tuple[str, ...]] = ("imu", "gnss/pvt")
     uses: ClassVar[tuple[str, ...]] = ()
 
-    statistic: Statistic = "H"
+    statistic: CorrelationStatistic = "H"
     alpha: float = 0.5
     adaptive: bool = False
     window_s: float = 120.0
@@ -78,12 +83,12 @@ class Correlation:
     min_share: float = 0.8
 
     def __post_init__(self) -> None:
-        for name, value, words in (
-            ("statistic", self.statistic, Statistic),
+        for name, value, choices in (
+            ("statistic", self.statistic, CorrelationStatistic),
             ("gravity", self.gravity, Gravity),
         ):
-            if value not in get_args(words):
-                raise ValueError(f"{name} must be one of {list(get_args(words))}, not {value!r}")
+            if value not in get_args(choices):
+                raise ValueError(f"{name} must be one of {list(get_args(choices))}, not {value!r}")
         checks = {
             "alpha": (0 <= self.alpha <= 1, "between 0 and 1"),
             "threshold": (-1 <= self.threshold < 1, "at least -1 and below 1"),
@@ -110,13 +115,13 @@ class Correlation:
     @property
     def memory_s(self) -> float:
         """The window, and the pairs that reach into it."""
-        return self.window_s + self.median_filter * gnss.LONGEST_PAIR_S
+        return self.window_s + self.median_filter * LONGEST_PAIR_S
 
     def detect(self, recording: Recording) -> Decisions:
         """Decide at each epoch of the primary receiver; the first has no pair and is
         unavailable.
         """
-        velocity = gnss.velocity(recording.primary("gnss/pvt"))
+        velocity = receiver_velocity(recording.primary("gnss/pvt"))
         if velocity.time_ns.size < 2:
             return Decisions(
                 velocity.time_ns,
@@ -126,34 +131,30 @@ class Correlation:
         start_ns, end_ns = velocity.time_ns[:-1], velocity.time_ns[1:]
         x, y = self._series(recording.primary("imu"), velocity)
         dt_s = (end_ns - start_ns) / 1e9
-        valid = (dt_s <= gnss.LONGEST_PAIR_S) & ~np.isnan(x).any(axis=0) & ~np.isnan(y).any(axis=0)
+        valid = (dt_s <= LONGEST_PAIR_S) & ~np.isnan(x).any(axis=0) & ~np.isnan(y).any(axis=0)
         first = windows.first_of_window(start_ns, end_ns, self.window_s)
         value = self._combined(windows.correlate(x, y, valid, first))
         covered = windows.covered_s(dt_s, valid, first) >= self.min_share * self.window_s
         score = np.append(np.nan, np.where(covered, (1 - value) / (1 - self.threshold), np.nan))
         return Decisions(velocity.time_ns, score, ~np.isnan(score))
 
-    def _series(self, rows: Table, velocity: gnss.Velocity) -> tuple[Floats, Floats]:
-        """The IMU's and the receiver's series per pair of epochs, shapes ``(k, n)``, k = 2 for a
-        combination.
+    def _series(self, imu: Table, velocity: ReceiverVelocity) -> tuple[Floats, Floats]:
+        """Return the IMU's and the receiver's series per pair of epochs, ``(k, n)`` each, k = 2 for
+        a combination.
         """
         start_ns, end_ns = velocity.time_ns[:-1], velocity.time_ns[1:]
         lag_ns = round(self.lag_s * 1e9)
-        motion = imu.interval_means(rows, start_ns - lag_ns, end_ns - lag_ns)
-        rest = self._gravity(rows, motion, end_ns - lag_ns, (end_ns - start_ns) / 1e9)
-        pairs = [
-            series(comparison, motion, rest, velocity) for comparison in COMPARISONS[self.statistic]
-        ]
+        means = interval_means(imu, start_ns - lag_ns, end_ns - lag_ns)
+        at_rest = self._gravity(imu, means, end_ns - lag_ns, (end_ns - start_ns) / 1e9)
+        pairs = [series(name, means, at_rest, velocity) for name in SERIES[self.statistic]]
         x, y = (
             windows.trailing_median(np.stack(sides), self.median_filter)
             for sides in zip(*pairs, strict=True)
         )
         return x, y
 
-    def _gravity(
-        self, rows: Table, motion: imu.Motion, time_ns: NDArray[np.int64], dt_s: Floats
-    ) -> Floats:
-        force = motion.force_mps2
+    def _gravity(self, imu: Table, means: ImuMeans, time_ns: Times, dt_s: Floats) -> Floats:
+        force = means.force_mps2.T
         if self.gravity == "low_pass":
             return gravity.low_pass(force, dt_s, self.gravity_s)
         if self.gravity == "constant":
@@ -161,11 +162,11 @@ class Correlation:
         if self.g is not None:
             g = np.full(dt_s.size, self.g)
         else:
-            g = gravity.static_norm(force, imu.is_stationary(rows, time_ns, imu.Rest()) == 1)
-        return gravity.descent(force, motion.rate_radps, dt_s, g, self.w, self.gravity_s)
+            g = gravity.static_norm(force, is_stationary(imu, time_ns, Standstill()) == 1)
+        return gravity.descent(force, means.rate_radps.T, dt_s, g, self.w, self.gravity_s)
 
-    def _combined(self, found: windows.Correlation) -> Floats:
-        """The one coefficient, or Eq (15): ``(1 - alpha) C_acc + alpha C_ag``."""
+    def _combined(self, found: windows.WindowCorrelations) -> Floats:
+        """Return the one coefficient, or Eq (15), ``(1 - alpha) C_acc + alpha C_ag``; ``(n,)``."""
         if len(found.coefficient) == 1:
             return np.asarray(found.coefficient[0])
         alpha = np.full(found.std_x.shape[1], self.alpha)

@@ -1,17 +1,15 @@
 """Gravity in the sensor frame, from the past alone: what an accelerometer would feel at rest (it
-points up).
+points up), m/s^2.
 
-All take the specific force per epoch, shape ``(3, n)`` with NaN where unknown, and give gravity of
-that shape.
+All take the specific force per epoch, ``(3, n)`` with NaN where unknown, and give gravity of that
+shape.
 """
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from spoofbench.arrays import Bools, Floats, forward_fill
 
 BLOCK = 30.0  # time constants that are filtered at once: e^30 leaves room in a double
 DESCENT_STEPS = 5  # per epoch, from the last epoch's estimate
@@ -22,22 +20,24 @@ CURVATURE = (
 
 
 def low_pass(values: Floats, dt_s: Floats, time_constant_s: float) -> Floats:
-    """First-order low-pass of each row; starts at the first value and holds over NaN.
+    """Return the first-order low-pass of each row, ``(k, n)``; it starts at the first value and
+    holds over NaN.
 
     Args:
-        values: shape ``(k, n)``.
-        dt_s: shape ``(n,)``, the time since the column before.
-        time_constant_s: seconds.
+        values: ``(k, n)``.
+        dt_s: the time since the column before, ``(n,)``.
+        time_constant_s: of the filter.
     """
     known = np.asarray(~np.isnan(values).any(axis=0))
     filtered = np.full_like(values, np.nan)
     filtered[:, known] = _filtered(values[:, known], dt_s[known] / time_constant_s)
-    return _held(filtered, known)
+    return forward_fill(filtered, known, np.nan)
 
 
 def _filtered(values: Floats, steps: Floats) -> Floats:
-    """The recursion y += (1 - exp(-step)) (x - y) in closed form, block by block lest the
-    exponentials overflow.
+    """Return y of the recursion y += (1 - exp(-step)) (x - y), ``(k, n)``, in closed form.
+
+    Block by block, lest the exponentials overflow.
     """
     steps = np.minimum(steps, BLOCK)
     time = np.cumsum(steps)
@@ -54,7 +54,14 @@ def _filtered(values: Floats, steps: Floats) -> Floats:
 
 
 def constant(force: Floats, dt_s: Floats) -> Floats:
-    """Mean of all specific force so far: the accelerations of a drive cancel, gravity stays."""
+    """Return the mean of all specific force so far, ``(3, n)``.
+
+    The accelerations of a drive cancel, gravity stays.
+
+    Args:
+        force: m/s^2, ``(3, n)``.
+        dt_s: the time since the column before, ``(n,)``.
+    """
     known = ~np.isnan(force).any(axis=0)
     seconds = np.cumsum(np.where(known, dt_s, 0.0))
     total = np.cumsum(np.where(known, force * dt_s, 0.0), axis=1)
@@ -62,9 +69,13 @@ def constant(force: Floats, dt_s: Floats) -> Floats:
     return mean
 
 
-def static_norm(force: Floats, still: Mask) -> Floats:
-    """Mean of the specific force's norm over all epochs at rest so far, shape ``(n,)``; NaN before
-    the first.
+def static_norm(force: Floats, still: Bools) -> Floats:
+    """Return the mean norm of the specific force over all epochs at rest so far, m/s^2, ``(n,)``;
+    NaN before the first.
+
+    Args:
+        force: m/s^2, ``(3, n)``.
+        still: which epochs are at rest, ``(n,)``.
     """
     norm = np.where(still, np.linalg.norm(force, axis=0), np.nan)
     count = np.cumsum(~np.isnan(norm))
@@ -77,18 +88,19 @@ def static_norm(force: Floats, still: Mask) -> Floats:
 def descent(
     force: Floats, rate: Floats, dt_s: Floats, g: Floats, w: float, time_constant_s: float
 ) -> Floats:
-    """Gravity by gradient descent on Borio's cost, Eq (13) with the penalty of Eq (14).
+    """Return gravity by gradient descent on Borio's cost, ``(3, n)``: Eq (13) with the penalty of
+    Eq (14).
 
     The paper's cost of one sample is averaged over ``time_constant_s`` (one sample is met by a
     whole cone of directions), and the descent goes on from the last epoch's direction.
 
     Args:
-        force: specific force, m/s^2.
-        rate: angular rate, rad/s, shape ``(3, n)``.
-        dt_s: shape ``(n,)``.
-        g: the sensor's own static norm, m/s^2, shape ``(n,)``; NaN: not known yet, so no estimate.
+        force: specific force, m/s^2, ``(3, n)``.
+        rate: angular rate, rad/s, ``(3, n)``.
+        dt_s: the time since the column before, ``(n,)``.
+        g: the sensor's own static norm, m/s^2, ``(n,)``; NaN: not known yet, so no estimate.
         w: weight of the rotation, (m/s^2)^2/(rad/s)^2.
-        time_constant_s: seconds.
+        time_constant_s: of the average of the cost.
     """
     pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
     squares = [force[i] * force[j] - w * rate[i] * rate[j] for i, j in pairs]
@@ -110,8 +122,9 @@ def descent(
 def _descend(
     u: tuple[float, float, float], cost: list[float], g: float
 ) -> tuple[float, float, float]:
-    """Steps down J(u) = u'Mu - 2 g a'u + g^2 + lambda (|u|^2 - 1)^2; cost holds M's upper triangle,
-    then a.
+    """Return a unit vector after some steps down the cost, from another.
+
+    J(u) = u'Mu - 2 g a'u + g^2 + lambda (|u|^2 - 1)^2; ``cost`` holds M's upper triangle, then a.
     """
     xx, xy, xz, yy, yz, zz, ax, ay, az = cost
     x, y, z = u
@@ -125,9 +138,3 @@ def _descend(
         )
     norm = math.sqrt(x * x + y * y + z * z)
     return x / norm, y / norm, z / norm
-
-
-def _held(values: Floats, known: Mask) -> Floats:
-    """Repeat the last known column over the unknown ones."""
-    latest = np.maximum.accumulate(np.where(known, np.arange(known.size), -1))
-    return np.where(latest >= 0, values[:, np.maximum(latest, 0)], np.nan)

@@ -3,19 +3,20 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Counts = NDArray[np.intp]
+from spoofbench.arrays import Bools, Floats, Indices, Times
 
 # variance, as share of the mean square, below which too few digits are left of their difference
 CANCELLED = 1e-5
 VANISHING = 1e-24  # the same, below which a window holds a constant
 
 
-class Correlation(NamedTuple):
-    """Per window, shapes ``(k, n)``: coefficients in [-1, 1], NaN where a variance vanishes, and
-    standard deviations.
+class WindowCorrelations(NamedTuple):
+    """Correlation of k pairs of series over n windows, ``(k, n)`` each.
+
+    Attributes:
+        coefficient: in [-1, 1], NaN where a variance vanishes.
+        std_x, std_y: standard deviations.
     """
 
     coefficient: Floats
@@ -23,28 +24,36 @@ class Correlation(NamedTuple):
     std_y: Floats
 
 
-def first_of_window(
-    start_ns: NDArray[np.int64], end_ns: NDArray[np.int64], window_s: float
-) -> Counts:
-    """Index of the first pair of the window that ends with each pair, shape ``(n,)``.
+def first_of_window(start_ns: Times, end_ns: Times, window_s: float) -> Indices:
+    """Return the index of the first pair of the window that ends with each pair, ``(n,)``.
 
     A pair belongs to the window that holds its middle, so jitter of the epochs does not add or drop
     one.
+
+    Args:
+        start_ns, end_ns: of the pairs, increasing, ``(n,)``.
+        window_s: length of the windows.
     """
     middle = start_ns + (end_ns - start_ns) // 2
     return np.searchsorted(middle, end_ns - round(window_s * 1e9), "right")
 
 
-def covered_s(dt_s: Floats, valid: NDArray[np.bool_], first: Counts) -> Floats:
-    """Seconds of each window that valid pairs cover, shape ``(n,)``."""
+def covered_s(dt_s: Floats, valid: Bools, first: Indices) -> Floats:
+    """Return the seconds of each window that valid pairs cover, ``(n,)``.
+
+    Args:
+        dt_s: length of the pairs, ``(n,)``.
+        valid: which pairs count, ``(n,)``.
+        first: index of each window's first pair, ``(n,)``.
+    """
     total = np.concatenate(
         ([0], np.cumsum(np.where(valid, np.rint(dt_s * 1e9), 0).astype(np.int64)))
     )
     return (total[1:] - total[first]) / 1e9
 
 
-def correlate(x: Floats, y: Floats, valid: NDArray[np.bool_], first: Counts) -> Correlation:
-    """Correlation coefficients over the valid pairs of each window (Borio, Eq 8, with N terms and
+def correlate(x: Floats, y: Floats, valid: Bools, first: Indices) -> WindowCorrelations:
+    """Return the correlation over the valid pairs of each window (Borio, Eq 8, with N terms and
     divisor N).
 
     Each window is summed on its own, so that its rounding knows nothing of louder times or of the
@@ -52,10 +61,10 @@ def correlate(x: Floats, y: Floats, valid: NDArray[np.bool_], first: Counts) -> 
     about its mean.
 
     Args:
-        x: shape ``(k, n)``, n > 0.
-        y: shape ``(k, n)``.
-        valid: which pairs count, shape ``(n,)``; values elsewhere are ignored.
-        first: index of each window's first pair, shape ``(n,)``.
+        x: ``(k, n)``, n > 0.
+        y: ``(k, n)``.
+        valid: which pairs count, ``(n,)``; values elsewhere are ignored.
+        first: index of each window's first pair, ``(n,)``.
     """
     x, y = np.where(valid, x, 0.0), np.where(valid, y, 0.0)
     end = np.arange(1, valid.size + 1)
@@ -74,7 +83,7 @@ def correlate(x: Floats, y: Floats, valid: NDArray[np.bool_], first: Counts) -> 
     loose = moving & (variance_x > VANISHING * xx) & (variance_y > VANISHING * yy)
     std_x, std_y = np.sqrt(np.maximum(variance_x, 0)), np.sqrt(np.maximum(variance_y, 0))
     coefficient = np.divide(covariance, std_x * std_y, out=np.full_like(xx, np.nan), where=loose)
-    return Correlation(np.clip(coefficient, -1, 1), std_x, std_y)
+    return WindowCorrelations(np.clip(coefficient, -1, 1), std_x, std_y)
 
 
 def _central_moments(x: Floats, y: Floats) -> tuple[float, float, float]:
@@ -83,8 +92,8 @@ def _central_moments(x: Floats, y: Floats) -> tuple[float, float, float]:
 
 
 def trailing_median(values: Floats, length: int) -> Floats:
-    """Median of each value and the ``length - 1`` before it; NaN where one of them is missing.
-    Shape ``(k, n)``.
+    """Return the median of each value and the ``length - 1`` before it, ``(k, n)``; NaN where one
+    of them is missing.
     """
     if length == 1:
         return values

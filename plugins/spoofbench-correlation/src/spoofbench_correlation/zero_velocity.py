@@ -4,11 +4,13 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Floats
 from spoofbench.detector import Decisions
+from spoofbench.navigation.imu import Standstill, is_stationary
 from spoofbench.recording import Recording
-from spoofbench_correlation import gnss, imu, windows
+from spoofbench_correlation import windows
+from spoofbench_correlation.series import LONGEST_PAIR_S, receiver_velocity
 
 Contradiction = Literal["either", "gnss_still", "imu_still"]
 
@@ -19,7 +21,7 @@ class ZeroVelocity:
 
     A pair of epochs is a contradiction if the receiver stands still at both ends and the IMU moves
     in the ``span_s`` before the later one, or if the receiver moves at both ends and the IMU stands
-    still, as in :func:`spoofbench_correlation.imu.is_stationary`. The statistic is contradicted
+    still, as in :func:`spoofbench.navigation.imu.is_stationary`. The statistic is contradicted
     seconds per minute over the window, ``score`` its ratio to ``threshold_per_min``. The paper
     gives no numbers; the thresholds here are ours.
 
@@ -83,22 +85,22 @@ class ZeroVelocity:
     @property
     def memory_s(self) -> float:
         """The window, and the pair that reaches into it."""
-        return self.window_s + gnss.LONGEST_PAIR_S
+        return self.window_s + LONGEST_PAIR_S
 
     def detect(self, recording: Recording) -> Decisions:
         """Decide at each epoch of the primary receiver; the first has no pair and is
         unavailable.
         """
-        velocity = gnss.velocity(recording.primary("gnss/pvt"))
+        velocity = receiver_velocity(recording.primary("gnss/pvt"))
         start, end = velocity.time_ns[:-1], velocity.time_ns[1:]
         dt_s = (end - start) / 1e9
-        imu_still = imu.is_stationary(
+        imu_still = is_stationary(
             recording.primary("imu"),
             end - round(self.lag_s * 1e9),
-            imu.Rest(self.span_s, self.smooth_s, self.force_std_mps2, self.rate_rms_radps),
+            Standstill(self.span_s, self.smooth_s, self.force_std_mps2, self.rate_rms_radps),
         )
         speed = velocity.speed_mps
-        known = (dt_s <= gnss.LONGEST_PAIR_S) & ~np.isnan(speed[1:] + speed[:-1] + imu_still)
+        known = (dt_s <= LONGEST_PAIR_S) & ~np.isnan(speed[1:] + speed[:-1] + imu_still)
         first = windows.first_of_window(start, end, self.window_s)
         known_s = windows.covered_s(dt_s, known, first)
         contradicted_s = windows.covered_s(
@@ -114,9 +116,7 @@ class ZeroVelocity:
             np.append(np.zeros(speed[:1].size, bool), available),
         )
 
-    def _contradicted(
-        self, speed: NDArray[np.float64], imu_still: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
+    def _contradicted(self, speed: Floats, imu_still: Bools) -> Bools:
         slow = speed < self.speed_mps
         gnss_still = slow[1:] & slow[:-1] & ~imu_still
         gnss_moves = ~slow[1:] & ~slow[:-1] & imu_still

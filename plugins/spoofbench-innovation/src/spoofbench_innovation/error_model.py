@@ -1,4 +1,5 @@
-"""The linear error model of a loosely coupled INS/GNSS filter, per step of the nominal trajectory.
+"""The linear error model of a loosely coupled INS/GNSS filter, per step of the nominal trajectory,
+and the error parameters of IMUs.
 
 The fifteen states ``r v E b_a b_g`` are in the order, and the attitude error has the sign, of
 ``spoofbench_papers.integrity.model`` (Tanil et al. 2018, Eq 4): the true rotation from body to
@@ -7,24 +8,67 @@ differences from the nominal trajectory. States of GNSS errors would follow behi
 ones, and a tightly coupled filter's observation would take the place of the identity on ``r v``.
 """
 
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
 import numpy as np
-from numpy.typing import NDArray
 
-from spoofbench_innovation.grades import Grade
-from spoofbench_innovation.nominal import Nominal
-from spoofbench_innovation.preintegration import cross_matrices
+from spoofbench.arrays import Floats
+from spoofbench.navigation.preintegration import cross_matrices
+from spoofbench_innovation.trajectory import Trajectory
 
-Floats = NDArray[np.float64]
+GradeName = Literal["consumer", "automotive", "tactical", "navigation"]
+
+STANDARD_GRAVITY_MPS2 = 9.80665
+_DEG, _MG = math.radians(1.0), 1e-3 * STANDARD_GRAVITY_MPS2
+_HOUR_S = 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Grade:
+    """White noise, and first-order Gauss-Markov biases, each the same on all three axes.
+
+    Attributes:
+        velocity_random_walk: m/s/sqrt(s).
+        angle_random_walk: rad/sqrt(s).
+        accel_bias_mps2, gyro_bias_radps: steady-state standard deviations, those after switching
+            on.
+        bias_s: time constant of both biases.
+    """
+
+    velocity_random_walk: float
+    angle_random_walk: float
+    accel_bias_mps2: float
+    gyro_bias_radps: float
+    bias_s: float = _HOUR_S
+
+
+GRADES: Mapping[GradeName, Grade] = {
+    # Bosch BMI160 data sheet: 180 ug/sqrt(Hz), 0.007 deg/s/sqrt(Hz); a third of its limits of 40 mg
+    # and 3 deg/s
+    "consumer": Grade(0.18 * _MG, 0.007 * _DEG, 13 * _MG, 1.0 * _DEG),
+    # VectorNav VN-100 data sheet: 140 ug/sqrt(Hz), 0.0035 deg/s/sqrt(Hz); El-Sheimy and Youssef
+    # (2020), Table 1: 0.1 deg/s, 5 mg
+    "automotive": Grade(0.14 * _MG, 0.0035 * _DEG, 5 * _MG, 0.1 * _DEG),
+    # El-Sheimy and Youssef (2020), Table 1: 0.05 deg/sqrt(h), 10 deg/h, 1 mg; 100 ug/sqrt(Hz) is
+    # usual
+    "tactical": Grade(0.1 * _MG, 0.05 * _DEG / math.sqrt(_HOUR_S), 1 * _MG, 10 * _DEG / _HOUR_S),
+    # Tanil et al. (2018), Table I
+    "navigation": Grade(1e-5, 0.001 * _DEG / math.sqrt(_HOUR_S), 0.01 * _MG, 0.01 * _DEG / _HOUR_S),
+}
+"""El-Sheimy and Youssef: Inertial sensors technologies for navigation applications, Satellite
+Navigation 1:2, 2020.
+"""
 
 POSITION, VELOCITY, ATTITUDE, ACCEL_BIAS, GYRO_BIAS = (slice(3 * i, 3 * i + 3) for i in range(5))
 STATES, MEASURED = 15, 6
 AZIMUTH = 8
-"""Place of the attitude error about the vertical."""
+"""Index of the attitude error about the vertical."""
 
-SILENT_MPS2, SILENT_RADPS = (
-    3.0,
-    0.3,
-)  # 1 sigma of what a vehicle does while the IMU is silent, beyond what it did before
+# 1 sigma of what a vehicle does while the IMU is silent, beyond what it did before
+SILENT_MPS2, SILENT_RADPS = 3.0, 0.3
 # of the series: a step is at most 1.5 s, and without the biases' decay the dynamics are nilpotent
 _ORDER = 8
 
@@ -73,7 +117,7 @@ def discretised(matrices: Floats, density: Floats, duration_s: Floats) -> tuple[
     return transition, process
 
 
-def model(trajectory: Nominal, grade: Grade) -> tuple[Floats, Floats]:
+def model(trajectory: Trajectory, grade: Grade) -> tuple[Floats, Floats]:
     """Return transition matrices and process covariances of a trajectory's steps, ``(n, 15, 15)``
     each.
     """
@@ -102,7 +146,7 @@ def silence(silent_s: Floats) -> Floats:
     return effects @ effects.swapaxes(1, 2)
 
 
-def free_motion(trajectory: Nominal, transition: Floats) -> Floats:
+def free_motion(trajectory: Trajectory, transition: Floats) -> Floats:
     """Return what moves the states without noise, as five columns per step, ``(n, 15, 5)``.
 
     The first column, to be multiplied by 1, is what the IMU measured and how the attitude was

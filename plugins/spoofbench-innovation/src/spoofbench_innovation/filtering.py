@@ -1,34 +1,80 @@
 """The filter on measurements: innovations of every epoch, with the gains of the recording."""
 
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import partial
+from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Floats, Indices
+from spoofbench.navigation.gnss import EARTH_RATE_RADPS, normal_gravity_mps2
 from spoofbench.table import Table
 from spoofbench_innovation import error_model, gains
-from spoofbench_innovation.alignment import Start, horizontal_velocity, starts
-from spoofbench_innovation.error_model import AZIMUTH, MEASURED, STATES
+from spoofbench_innovation.error_model import AZIMUTH, MEASURED, STATES, Grade
 from spoofbench_innovation.gains import BLOCK
-from spoofbench_innovation.grades import Grade
-from spoofbench_innovation.measurements import EARTH_RATE_RADPS, Measurements, gravity_mps2
-from spoofbench_innovation.nominal import Nominal, nominal
-from spoofbench_innovation.recent import Recent, Same
-
-Floats = NDArray[np.float64]
-
-TILT_RAD, AZIMUTH_RAD = (
-    np.radians(2.0),
-    np.radians(5.0),
-)  # 1 sigma of the levelling and of the azimuth at alignment
-_UNKNOWN = (
-    100.0  # variance at alignment of a velocity or height that is not measured, m^2/s^2 or m^2
+from spoofbench_innovation.measurements import Measurements
+from spoofbench_innovation.trajectory import (
+    Start,
+    Trajectory,
+    horizontal_velocity,
+    nominal_trajectory,
+    starts,
 )
+
+T = TypeVar("T")
+
+# 1 sigma of the levelling and of the azimuth at alignment
+TILT_RAD, AZIMUTH_RAD = np.radians(2.0), np.radians(5.0)
+# variance at alignment of a velocity or height that is not measured, m^2/s^2 or m^2
+_UNKNOWN = 100.0
+
+
+class SameTable:
+    """A table as a key: equal if it is the same object, which the key keeps alive. Tables cannot
+    change.
+    """
+
+    def __init__(self, table: Table) -> None:
+        self.table = table
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, SameTable) and self.table is other.table
+
+    def __hash__(self) -> int:
+        return id(self.table)
+
+
+class ResultCache(Generic[T]):
+    """Results that a process keeps, by key: those last used, of up to so many bytes in all; the
+    newest is kept whatever its size.
+    """
+
+    def __init__(self, limit_bytes: int, size_bytes: Callable[[T], int]) -> None:
+        self._limit, self._size = limit_bytes, size_bytes
+        self._kept: OrderedDict[Hashable, T] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return what is remembered under a key, or make it. The key must hold all that the result
+        depends on.
+        """
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
+        made = make()
+        with self._lock:
+            self._kept[key] = made
+            while len(self._kept) > 1 and sum(map(self._size, self._kept.values())) > self._limit:
+                self._kept.popitem(last=False)
+        return made
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class FilterSettings:
     """What a filter's covariances rest on besides IMU and epochs.
 
     Attributes:
@@ -44,7 +90,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Innovations:
-    """What the measurements of each epoch were not foreseen by, ``m`` epochs.
+    """Measurements less what the filter predicted of them, for ``m`` epochs.
 
     Attributes:
         value: gamma of position, m, and velocity, m/s, in the wander frame, ``(m, 6)``; NaN where
@@ -56,10 +102,10 @@ class Innovations:
 
     value: Floats
     covariance: Floats
-    run: NDArray[np.intp]
+    run: Indices
 
     @property
-    def measured(self) -> NDArray[np.intp]:
+    def measured(self) -> Indices:
         """Number of measurements of each epoch, ``(m,)``."""
         return np.asarray((~np.isnan(self.value)).sum(axis=1))
 
@@ -75,8 +121,9 @@ class Innovations:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shared:
-    """A run of the filter without the measurements, from the step after its start.
+class FilterRun:
+    """A run of the filter without the measurements, from the step after its start: what all
+    variants of a recording share.
 
     Attributes:
         matrices: :func:`~spoofbench_innovation.gains.block_matrices`.
@@ -89,15 +136,15 @@ class Shared:
     covariance: Floats
 
 
-_nominals: Recent[Nominal] = Recent(16 << 20, lambda one: 400 * one.run.size)
-_runs: Recent[Shared] = Recent(
+_trajectories: ResultCache[Trajectory] = ResultCache(16 << 20, lambda one: 400 * one.run.size)
+_runs: ResultCache[FilterRun] = ResultCache(
     128 << 20, lambda one: one.matrices.nbytes + one.motion.nbytes + one.covariance.nbytes
 )
 
 
-def _shared(
-    trajectory: Nominal, grade: Grade, steps: slice, initial: Floats, noise: Floats
-) -> Shared:
+def _run_of(
+    trajectory: Trajectory, grade: Grade, steps: slice, initial: Floats, noise: Floats
+) -> FilterRun:
     """Run the covariances over some steps, from these variances of the states, with these of what
     is measured.
     """
@@ -105,14 +152,14 @@ def _shared(
     transition, process = error_model.model(part, grade)
     found = gains.recursion(np.diag(initial), transition, process, noise)
     motion = error_model.free_motion(part, transition)
-    return Shared(
+    return FilterRun(
         gains.block_matrices(transition, found.gain),
         gains.block_motion(transition, motion),
         found.innovation,
     )
 
 
-def innovations(imu: Table, found: Measurements, settings: Settings) -> Innovations:
+def innovations(imu: Table, found: Measurements, settings: FilterSettings) -> Innovations:
     """Run the filter over all runs of a recording.
 
     What depends on the IMU, on the times of the epochs, and on which measurements they have with
@@ -123,9 +170,13 @@ def innovations(imu: Table, found: Measurements, settings: Settings) -> Innovati
     run = np.full(size, -1, np.intp)
     if size < 2:
         return Innovations(value, covariance, run)
-    key, offset = (Same(imu), found.time_ns.tobytes(), settings), 5 * settings.grade.gyro_bias_radps
-    trajectory = _nominals.get(
-        key, lambda: nominal(imu, found.time_ns, settings.lag_ns, settings.restart_s, offset)
+    key, offset = (
+        (SameTable(imu), found.time_ns.tobytes(), settings),
+        5 * settings.grade.gyro_bias_radps,
+    )
+    trajectory = _trajectories.get(
+        key,
+        lambda: nominal_trajectory(imu, found.time_ns, settings.lag_ns, settings.restart_s, offset),
     )
     measured_variances = np.where(np.isnan(found.values), np.nan, found.variances)
     for number, start in enumerate(starts(found, trajectory)):
@@ -138,7 +189,7 @@ def innovations(imu: Table, found: Measurements, settings: Settings) -> Innovati
         )
         values[steps], noise[steps] = found.values[epochs], measured_variances[epochs]
         initial = _initial_variances(measured_variances[start.epoch], settings.grade)
-        work = partial(_shared, trajectory, settings.grade, slice(first, start.end), initial, noise)
+        work = partial(_run_of, trajectory, settings.grade, slice(first, start.end), initial, noise)
         shared = _runs.get((*key, first, start.end, initial.tobytes(), noise.tobytes()), work)
         state, constants = _start(found, start)
         value[epochs] = run_filter(
@@ -168,15 +219,15 @@ def _start(found: Measurements, start: Start) -> tuple[Floats, tuple[float, comp
     state[:MEASURED] = np.nan_to_num(found.values[epoch])
     velocity = horizontal_velocity(found)[epoch]
     turn = np.exp(-1j * start.azimuth_rad)
-    for place, value in ((0, complex(*state[:2])), (3, complex(np.nan_to_num(velocity)))):
-        state[place : place + 2] = (value * turn).real, (value * turn).imag
+    for index, value in ((0, complex(*state[:2])), (3, complex(np.nan_to_num(velocity)))):
+        state[index : index + 2] = (value * turn).real, (value * turn).imag
     lat = float(found.lat_rad[epoch])
-    gravity = gravity_mps2(lat, float(np.nan_to_num(found.height_m[epoch])))
+    gravity = normal_gravity_mps2(lat, float(np.nan_to_num(found.height_m[epoch])))
     return state, (gravity, EARTH_RATE_RADPS * np.cos(lat), -EARTH_RATE_RADPS * np.sin(lat))
 
 
 def run_filter(
-    shared: Shared,
+    shared: FilterRun,
     values: Floats,
     state: Floats,
     azimuth_rad: float,

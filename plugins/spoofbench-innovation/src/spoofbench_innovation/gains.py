@@ -9,11 +9,9 @@ once.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Bools, Floats
 from spoofbench_innovation.error_model import MEASURED, STATES
-
-Floats = NDArray[np.float64]
 
 BLOCK = 16
 
@@ -33,8 +31,10 @@ class Gains:
 
 
 def recursion(initial: Floats, transition: Floats, process: Floats, noise: Floats) -> Gains:
-    """Run the Kalman filter's covariances over steps, with the updates in Joseph's form, multiplied
-    out for H = [I 0].
+    """Return gains and innovation covariances of the Kalman filter over steps.
+
+    P = Phi P Phi' + Q, then S = H P H' + R, K = P H' S^-1 and Joseph's form
+    P = (I - K H) P (I - K H)' + K R K', multiplied out for H = [I 0].
 
     Args:
         initial: P_0 before the first step, ``(15, 15)``.
@@ -45,7 +45,7 @@ def recursion(initial: Floats, transition: Floats, process: Floats, noise: Float
     """
     from scipy.linalg.lapack import dposv
 
-    measured: NDArray[np.bool_] = np.isfinite(noise)
+    measured: Bools = np.isfinite(noise)
     kept: Floats = measured[:, :, None].astype(np.float64)
     variance = np.where(measured, noise, 0.0)
     count: list[int] = np.count_nonzero(measured, axis=1).tolist()
@@ -79,6 +79,10 @@ def block_matrices(transition: Floats, gain: Floats) -> Floats:
 
     It takes the state at the start and the measurements to the innovations and the state at the
     end; free motion is not in it. The last block is filled up with steps in which nothing happens.
+
+    Args:
+        transition: ``(n, 15, 15)``.
+        gain: ``(n, 15, 6)``.
     """
     blocks = -(-len(gain) // BLOCK)
     missing = blocks * BLOCK - len(gain)
@@ -106,7 +110,12 @@ def block_motion(transition: Floats, motion: Floats) -> Floats:
     """Return the free motion from zero at the start of each block: ``r v`` after each step, all
     states after the last.
 
-    Shape ``(b, 6 B + 15, c)`` for ``motion`` of shape ``(n, 15, c)``.
+    Args:
+        transition: ``(n, 15, 15)``.
+        motion: per step, ``(n, 15, c)``.
+
+    Returns:
+        ``(b, 6 B + 15, c)``.
     """
     blocks = -(-len(motion) // BLOCK)
     missing = blocks * BLOCK - len(motion)

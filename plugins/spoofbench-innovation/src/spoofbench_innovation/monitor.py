@@ -7,19 +7,22 @@ Vehicle Position, IEEE TAES 54(1), 2018.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, get_args
+from typing import ClassVar, Literal, Self, get_args
 
 import numpy as np
 
+from spoofbench.arrays import Floats, Times, run_starts
 from spoofbench.detector import Decisions, Labelled
 from spoofbench.errors import RecordingError
 from spoofbench.recording import Recording
-from spoofbench_innovation.filtering import Innovations, Settings, innovations
-from spoofbench_innovation.grades import GRADES, Grade, GradeName
+from spoofbench_innovation.error_model import GRADES, Grade, GradeName
+from spoofbench_innovation.filtering import FilterSettings, Innovations, innovations
 from spoofbench_innovation.measurements import Measurements, measurements
-from spoofbench_innovation.statistics import Statistic, ratio
+
+InnovationStatistic = Literal["cumulative", "windowed", "per-epoch"]
 
 _DAY_S = 86_400.0
+_LARGEST = 1e9  # a squared innovation beyond it is cut, so that sums stay exact
 # after attacks of five minutes on a 43-minute drive single epochs alerted for 160 s at the median,
 # 382 s at most
 _RECOVERY_S = 400.0
@@ -62,7 +65,7 @@ class InnovationMonitor:
         restart_s: a longer time without epochs ends the filter's run; it starts anew when aligned.
     """
 
-    statistic: Statistic = "windowed"
+    statistic: InnovationStatistic = "windowed"
     window_s: float = 10.0
     p_fa: float = 1e-6
     grade: GradeName = "automotive"
@@ -84,7 +87,7 @@ class InnovationMonitor:
     uses: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
-        for name, kind in (("statistic", Statistic), ("grade", GradeName)):
+        for name, kind in (("statistic", InnovationStatistic), ("grade", GradeName)):
             if getattr(self, name) not in get_args(kind):
                 raise ValueError(
                     f"{name} must be one of {list(get_args(kind))}, not {getattr(self, name)!r}"
@@ -154,7 +157,7 @@ class InnovationMonitor:
         """
         floor = (self.position_m, self.vertical_m, self.velocity_mps, self.climb_mps)
         found = measurements(recording.primary("gnss/pvt"), floor, self.reported)
-        settings = Settings(self.imu_errors, round(self.lag_s * 1e9), self.restart_s)
+        settings = FilterSettings(self.imu_errors, round(self.lag_s * 1e9), self.restart_s)
         return found, innovations(recording.primary("imu"), found, settings)
 
     def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:  # noqa: ARG002, what is attacked says nothing of noise
@@ -187,3 +190,52 @@ _OVERRIDES = (
     "gyro_bias_radps",
     "bias_s",
 )
+
+
+def ratio(
+    time_ns: Times,
+    found: Innovations,
+    statistic: InnovationStatistic,
+    window_s: float,
+    p_fa: float,
+) -> Floats:
+    """Return q / T^2 of each epoch, ``(m,)``; NaN where nothing is measured.
+
+    q is the sum of the normalised innovations squared of the epoch (``per-epoch``), of the epochs
+    of the run within the last ``window_s`` (``windowed``), or of all epochs of the run
+    (``cumulative``; Tanil et al. 2018, Eq 19). T^2 is exceeded by a chi-square variable of as many
+    degrees of freedom as there are measurements in the sum with the probability ``p_fa``.
+
+    Args:
+        time_ns: of the epochs, increasing, ``(m,)``.
+        found: their innovations.
+        statistic: which sum.
+        window_s: of ``windowed``.
+        p_fa: of one test.
+    """
+    size = time_ns.size
+    squared = np.nan_to_num(np.minimum(found.squared, _LARGEST), nan=_LARGEST)
+    first = run_starts(found.run)
+    if statistic == "per-epoch":
+        first = np.arange(size)
+    elif statistic == "windowed":
+        first = np.maximum(
+            first, np.searchsorted(time_ns, time_ns - round(window_s * 1e9), "right")
+        )
+    q, degrees = (np.append(0.0, np.cumsum(values)) for values in (squared, found.measured))
+    usable = (found.run >= 0) & (found.measured > 0)
+    result = np.full(size, np.nan)
+    result[usable] = (q[1:] - q[first])[usable] / thresholds_squared(
+        (degrees[1:] - degrees[first])[usable], p_fa
+    )
+    return result
+
+
+def thresholds_squared(degrees: Floats, p_fa: float) -> Floats:
+    """Return T^2 for each number of degrees of freedom, ``(k,)``: the chi-square point that
+    ``p_fa`` lies above.
+    """
+    from scipy.special import chdtri
+
+    distinct, index = np.unique(degrees, return_inverse=True)
+    return np.asarray(chdtri(distinct, p_fa), np.float64)[index]

@@ -4,12 +4,10 @@ against chi-square::
     python -m spoofbench_innovation.nis drive.mcap [--lag-s 0.34] [--json] [--picture nis]
 
 On a genuine recording the NIS of an epoch should be chi-square of as many degrees of freedom as it
-has measurements, and those of
-different epochs independent. The first part of the recording calibrates: its mean gives an
-inflation factor, which is then frozen. The
-rest is judged as it is (raw) and with that factor. GNSS errors last, since the receiver filters:
-single epochs can fit while sums
-over many do not. What that makes of the cumulative test is the last block.
+has measurements, and those of different epochs independent. The first part of the recording
+calibrates: its mean gives an inflation factor, which is then frozen. The rest is judged as it is
+(raw) and with that factor. GNSS errors last, since the receiver filters: single epochs can fit
+while sums over many do not. What that makes of the cumulative test is the last block.
 """
 
 import argparse
@@ -21,18 +19,15 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from spoofbench import codec
+from spoofbench.arrays import Floats, Indices
 from spoofbench.errors import RecordingError, SpoofbenchError
 from spoofbench.recording import Recording
+from spoofbench_innovation.error_model import GradeName
 from spoofbench_innovation.filtering import Innovations
-from spoofbench_innovation.grades import GradeName
-from spoofbench_innovation.monitor import InnovationMonitor
-from spoofbench_innovation.statistics import Statistic
-
-Floats = NDArray[np.float64]
+from spoofbench_innovation.monitor import InnovationMonitor, InnovationStatistic
 
 QUANTILES = (0.5, 0.9, 0.99, 0.999)
 LAGS = (1, 10, 60)
@@ -87,22 +82,27 @@ def measure(
     }
 
 
-def _squared(filtered: Innovations, epochs: NDArray[np.intp], part: str) -> Floats:
+def _squared(filtered: Innovations, epochs: Indices, part: str) -> Floats:
     """NIS of these epochs' position, velocity or both, ``(k,)``."""
-    place = _PARTS[part]
-    value, covariance = filtered.value[epochs, place], filtered.covariance[epochs, place, place]
+    components = _PARTS[part]
+    value, covariance = (
+        filtered.value[epochs, components],
+        filtered.covariance[epochs, components, components],
+    )
     return np.asarray(np.vecdot(value, np.linalg.solve(covariance, value[:, :, None])[:, :, 0]))
 
 
-def _judged(filtered: Innovations, epochs: NDArray[np.intp], inflation: float) -> dict[str, Any]:
+def _judged(filtered: Innovations, epochs: Indices, inflation: float) -> dict[str, Any]:
     nis = _squared(filtered, epochs, "all") / inflation
     return {
         "epochs": int(epochs.size),
         "mean_per_measurement": {
             part: float(
-                _squared(filtered, epochs, part).mean() / inflation / (place.stop - place.start)
+                _squared(filtered, epochs, part).mean()
+                / inflation
+                / (components.stop - components.start)
             )
-            for part, place in _PARTS.items()
+            for part, components in _PARTS.items()
         },
         "quantiles": {
             str(q): {"nis": float(np.quantile(nis, q)), "chi_square": float(stats.chi2.ppf(q, 6))}
@@ -112,14 +112,14 @@ def _judged(filtered: Innovations, epochs: NDArray[np.intp], inflation: float) -
 
 
 def _exceeding(
-    recording: Recording, monitor: InnovationMonitor, epochs: NDArray[np.intp]
+    recording: Recording, monitor: InnovationMonitor, epochs: Indices
 ) -> dict[str, float]:
     """Share of these epochs above the threshold, by statistic."""
     return {
         statistic: float(
             replace(monitor, statistic=statistic).detect(recording).alert[epochs].mean()
         )
-        for statistic in get_args(Statistic)
+        for statistic in get_args(InnovationStatistic)
     }
 
 
@@ -221,7 +221,7 @@ def lines(numbers: Mapping[str, Any]) -> Sequence[str]:
     nominal = cumulative["nominal_p_fa"]
     text += [
         row(f"exceeding, {name}", [case["exceeding"][name] for case in cases], nominal)
-        for name in get_args(Statistic)
+        for name in get_args(InnovationStatistic)
     ]
     text.append(
         row(

@@ -4,9 +4,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from spoofbench_correlation import gnss, gravity, imu
-from spoofbench_correlation.series import Comparison, series
+from spoofbench_correlation import gravity
+from spoofbench_correlation.series import SeriesName, receiver_velocity, series
 
+from spoofbench.navigation.imu import interval_means
 from spoofbench_papers.borio.cells import Findings
 from spoofbench_papers.borio.recordings import FieldSession
 from spoofbench_papers.borio.statistics import DELAYS_S, FOUR, THRESHOLD, Row, Values
@@ -21,20 +22,20 @@ def time_series(path: Path, session: FieldSession) -> None:
     """Draw horizontal acceleration and yaw rate of IMU and GNSS over ten minutes (Figs 7, 10 and
     14).
     """
-    velocity = gnss.velocity(session.recording.primary("gnss/pvt"))
+    velocity = receiver_velocity(session.recording.primary("gnss/pvt"))
     start_ns, end_ns = velocity.time_ns[:-1], velocity.time_ns[1:]
-    motion = imu.interval_means(session.recording.primary("imu"), start_ns, end_ns)
-    rest = gravity.low_pass(motion.force_mps2, (end_ns - start_ns) / 1e9, 30.0)
+    means = interval_means(session.recording.primary("imu"), start_ns, end_ns)
+    rest = gravity.low_pass(means.force_mps2.T, (end_ns - start_ns) / 1e9, 30.0)
     time_s = (end_ns - velocity.time_ns[0]) / 1e9
     first = STRETCH_S[0] if time_s[-1] > STRETCH_S[1] else 0.0
     shown = (time_s >= first) & (time_s < first + STRETCH_S[1] - STRETCH_S[0])
     figure, axes = new_figure(9.0, 4.6, rows=2)
-    panels: tuple[tuple[Comparison, str], ...] = (
+    panels: tuple[tuple[SeriesName, str], ...] = (
         ("H_acc", "horizontal acceleration, m/s²"),
         ("H_ag", "yaw rate, rad/s"),
     )
     for panel, (comparison, label) in zip(axes, panels, strict=True):
-        felt, claimed = series(comparison, motion, rest, velocity)
+        felt, claimed = series(comparison, means, rest, velocity)
         panel.plot(time_s[shown], claimed[shown], lw=1.6, color="#c46a1b", label="GNSS")
         panel.plot(time_s[shown], felt[shown], lw=0.8, color="#14325c", label="IMU")
         panel.set_ylabel(label, fontsize=9)

@@ -9,9 +9,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from spoofbench_correlation import gnss
 from spoofbench_correlation.correlation import Correlation
-from spoofbench_correlation.imu import FORCE, RATE
+from spoofbench_correlation.series import receiver_velocity
 
 from spoofbench import codec
 from spoofbench.arrays import Floats
@@ -20,6 +19,7 @@ from spoofbench.demo import drive_bag
 from spoofbench.detector import detect
 from spoofbench.errors import NotApplicable, SpoofbenchError
 from spoofbench.navigation.gnss import radii_m
+from spoofbench.navigation.imu import FORCE, RATE
 from spoofbench.recording import Recording
 from spoofbench.table import Table
 
@@ -258,7 +258,7 @@ def with_velocity(pvt: Table) -> tuple[Table, str]:
         pvt = pvt.replace(course_deg=np.where(held, np.nan, course))
     else:
         raise NotApplicable("the receiver says neither velocity nor position")
-    velocity = gnss.velocity(pvt)
+    velocity = receiver_velocity(pvt)
     columns = {
         f"vel_{axis}_mps": component
         for axis, component in zip("ned", velocity.ned_mps, strict=True)

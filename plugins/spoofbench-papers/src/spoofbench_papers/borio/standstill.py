@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from typing import get_args
 
 import numpy as np
-from spoofbench_correlation import gnss, imu
+from spoofbench_correlation.series import receiver_velocity
 from spoofbench_correlation.zero_velocity import Contradiction, ZeroVelocity
 
 from spoofbench.arrays import Bools
 from spoofbench.detector import detect
+from spoofbench.navigation.imu import Standstill, is_stationary
 from spoofbench_papers.borio.recordings import FieldSession
 from spoofbench_papers.borio.statistics import Row, Series, cases, window_motion
 
@@ -51,15 +52,15 @@ def at_rest(sessions: Sequence[FieldSession]) -> list[Row]:
     for session in sessions:
         if not session.inertial:
             continue
-        velocity = gnss.velocity(session.recording.primary("gnss/pvt"))
+        velocity = receiver_velocity(session.recording.primary("gnss/pvt"))
         slow = velocity.speed_mps < ZeroVelocity.speed_mps
         time_ns = velocity.time_ns[1:][slow[1:] & slow[:-1]]
         shares = {}
         for name, rest in (
-            ("force", imu.Rest(rate_rms_radps=np.inf)),
-            ("rate", imu.Rest(force_std_mps2=np.inf)),
+            ("force", Standstill(rate_rms_radps=np.inf)),
+            ("rate", Standstill(force_std_mps2=np.inf)),
         ):
-            still = imu.is_stationary(session.recording.primary("imu"), time_ns, rest)
+            still = is_stationary(session.recording.primary("imu"), time_ns, rest)
             known = still[~np.isnan(still)]
             shares[f"{name}_still_share"] = float(known.mean()) if known.size else None
         rows.append({"recording": session.name, "epochs": time_ns.size, **shares})

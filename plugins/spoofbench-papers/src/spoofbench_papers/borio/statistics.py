@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from spoofbench_correlation import gnss, windows
+from spoofbench_correlation import windows
 from spoofbench_correlation.correlation import Correlation
-from spoofbench_correlation.imu import RATE
+from spoofbench_correlation.series import acceleration, receiver_velocity
 from spoofbench_correlation.zero_velocity import ZeroVelocity
 
 from spoofbench.arrays import Floats, Indices
@@ -14,6 +14,7 @@ from spoofbench.attacks.contract import Attack, attackable_span, make_variant
 from spoofbench.attacks.replay import Meacon, Replay
 from spoofbench.detector import detect
 from spoofbench.errors import NotApplicable
+from spoofbench.navigation.imu import RATE
 from spoofbench.recording import Interval, Recording
 from spoofbench_papers.borio.recordings import EPOCH_S, FieldSession
 
@@ -362,10 +363,10 @@ def window_motion(session: FieldSession) -> tuple[Floats, Floats, Floats, Floats
         Four arrays of shape ``(n - 1,)``: seconds since the first epoch, rms horizontal
         acceleration (m/s^2), mean speed (m/s), and share of pairs with a slow end.
     """
-    velocity = gnss.velocity(session.recording.primary("gnss/pvt"))
+    velocity = receiver_velocity(session.recording.primary("gnss/pvt"))
     start_ns, end_ns = velocity.time_ns[:-1], velocity.time_ns[1:]
     first = windows.first_of_window(start_ns, end_ns, session.window_s)
-    squared = (gnss.acceleration(velocity)[:2] ** 2).sum(axis=0)
+    squared = (acceleration(velocity)[:2] ** 2).sum(axis=0)
     speed = velocity.speed_mps[1:]
     slow = np.where(np.isnan(speed), np.nan, speed < ZeroVelocity.speed_mps)
     rms = np.sqrt(_trailing_mean(squared, first))

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from spoofbench_acceleration import AccelerationMonitor
-from spoofbench_acceleration.monitor import Axis, Origin
+from spoofbench_acceleration.monitor import AccelerationSource, ComparedAxis
 
 from spoofbench import codec
 from spoofbench.detector import detect
@@ -44,8 +44,8 @@ def measure(recording: Recording, lag_s: float) -> list[dict[str, Any]]:
     """One row per axis, pitch, source of the acceleration and lag; the mean difference along the
     track is the IMU's mounting.
     """
-    axes: tuple[Axis, ...] = ("along_track", "vertical")
-    sources: tuple[Origin, ...] = ("velocity", "position")
+    axes: tuple[ComparedAxis, ...] = ("along_track", "vertical")
+    sources: tuple[AccelerationSource, ...] = ("velocity", "position")
     rows = [
         comparison(
             AccelerationMonitor(axis=axis, pitch=pitch, acceleration_from=source, lag_s=lag),

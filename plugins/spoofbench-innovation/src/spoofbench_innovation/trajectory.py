@@ -1,27 +1,39 @@
-"""The nominal trajectory: attitude from the IMU alone, in a level frame whose azimuth is arbitrary.
+"""The nominal trajectory: attitude from the IMU alone, in a level frame whose azimuth is arbitrary;
+and where GNSS tells that azimuth, so that a filter can start.
 
 The wander frame has its third axis down; its first points anywhere. Where GNSS errors are the same
 in all horizontal directions, the filter's covariances do not depend on that azimuth: with this
 trajectory they are a function of the IMU and of the times of the epochs, whatever GNSS says.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spoofbench.arrays import Complexes, Floats, Indices, Times, ragged_arange, run_starts
+from spoofbench.navigation.preintegration import (
+    Increments,
+    increments,
+    rotation_vectors,
+    rotations,
+)
 from spoofbench.table import Table
-from spoofbench_innovation.preintegration import Increments, increments, rotation_vectors, rotations
-
-Floats = NDArray[np.float64]
+from spoofbench_innovation.measurements import Measurements
 
 STEP_S = 1.0  # longer intervals between epochs are cut into such steps
 LEVELLING_S = 60.0  # time constant with which the accelerometer levels the gyros' attitude
 BIAS_S = 60.0  # time constant of the gyros' offset that is taken out
 
+WINDOW_S = 30.0
+# integral of the squared change of velocity per second, as of 5 s at 2.2 m/s^2
+ENERGY_M2PS = 25.0
+COHERENCE = 0.9  # lowest share of it that GNSS and IMU have in common
+_PAIR_S, _LONGEST_PAIR_S = 0.9, 3.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Nominal:
+class Trajectory:
     """The inertial share of a filter over ``n`` steps; step k leads from one time to the next.
 
     Attributes:
@@ -37,8 +49,8 @@ class Nominal:
             frame, ``(n, 3)``.
     """
 
-    epoch: NDArray[np.intp]
-    run: NDArray[np.intp]
+    epoch: Indices
+    run: Indices
     duration_s: Floats
     silent_s: Floats
     attitude: Floats
@@ -46,9 +58,9 @@ class Nominal:
     position_m: Floats
     correction_rad: Floats
 
-    def between(self, steps: slice) -> "Nominal":
+    def between(self, steps: slice) -> "Trajectory":
         """Return these steps, without epochs."""
-        return Nominal(
+        return Trajectory(
             np.empty(0, np.intp),
             self.run[steps],
             self.duration_s[steps],
@@ -60,9 +72,9 @@ class Nominal:
         )
 
 
-def nominal(
-    imu: Table, epoch_ns: NDArray[np.int64], lag_ns: int, restart_s: float, offset_radps: float
-) -> Nominal:
+def nominal_trajectory(
+    imu: Table, epoch_ns: Times, lag_ns: int, restart_s: float, offset_radps: float
+) -> Trajectory:
     """Return the nominal trajectory between epochs.
 
     Args:
@@ -77,21 +89,18 @@ def nominal(
     return _chained(steps, epoch - 1, offset_radps)
 
 
-def _edges(
-    epoch_ns: NDArray[np.int64], restart_s: float
-) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-    """Return the ends of the steps, and the place of each epoch among them."""
+def _edges(epoch_ns: Times, restart_s: float) -> tuple[Times, Indices]:
+    """Return the ends of the steps, ``(n + 1,)``, and each epoch's index among them, ``(m,)``."""
     gap_s = np.diff(epoch_ns) * 1e-9
     pieces = np.where(gap_s <= restart_s, np.maximum(np.ceil(gap_s / STEP_S - 0.5), 1), 1).astype(
         np.intp
     )
     epoch = np.concatenate([np.zeros(min(epoch_ns.size, 1), np.intp), np.cumsum(pieces)])
-    piece = np.arange(pieces.sum()) - np.repeat(epoch[:-1], pieces)
-    cut = np.repeat(epoch_ns[:-1], pieces) + piece * round(STEP_S * 1e9)
+    cut = np.repeat(epoch_ns[:-1], pieces) + ragged_arange(pieces) * round(STEP_S * 1e9)
     return np.concatenate([cut, epoch_ns[-1:]]), epoch
 
 
-def _chained(steps: Increments, epoch: NDArray[np.intp], offset_radps: float) -> Nominal:
+def _chained(steps: Increments, epoch: Indices, offset_radps: float) -> Trajectory:
     """Chain the steps' rotations.
 
     The mean specific force, which is up on average, levels the attitude; the mean of slow rates is
@@ -129,7 +138,7 @@ def _chained(steps: Increments, epoch: NDArray[np.intp], offset_radps: float) ->
         )
         correction[k] = levelled - attitude @ steps.mean_rotation[k] @ offset * step_s
         attitude = rotations(correction[k]) @ attitude @ steps.rotation[k]
-    return Nominal(
+    return Trajectory(
         epoch,
         np.where(steps.known, run, -1),
         steps.duration_s,
@@ -153,3 +162,86 @@ def _upright(force: Floats) -> Floats:
     second = np.cross(down, aside)
     second /= np.linalg.norm(second)
     return np.stack([np.cross(second, down), second, down])
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """A filter's start.
+
+    Attributes:
+        epoch: the epoch whose measurements are its state.
+        end: the first step that is no longer of the same run.
+        azimuth_rad: from north to the first axis of the wander frame, positive to the east.
+    """
+
+    epoch: int
+    end: int
+    azimuth_rad: float
+
+
+def starts(found: Measurements, trajectory: Trajectory) -> Iterator[Start]:
+    """Yield where each run can first be aligned; runs that cannot are left out.
+
+    GNSS and IMU see the same changes of velocity, one in NED, the other in the wander frame. The
+    angle between the two is the azimuth. So neither the IMU's mounting nor a forward motion is
+    needed, only some acceleration.
+    """
+    if found.time_ns.size < 2:
+        return
+    run = np.append(-1, trajectory.run[trajectory.epoch[1:]])
+    common, gnss, imu = _energies(found, trajectory, run_starts(run))
+    coherent = np.abs(common) >= COHERENCE * np.sqrt(gnss * imu)
+    usable = np.flatnonzero(
+        (run >= 0) & (gnss >= ENERGY_M2PS) & coherent & ~np.isnan(found.values[:, 0])
+    )
+    ends = np.append(np.flatnonzero(np.diff(trajectory.run)) + 1, trajectory.run.size)
+    for index in np.unique(run[usable], return_index=True)[1].tolist():
+        epoch = int(usable[index])
+        end = int(ends[np.searchsorted(ends, trajectory.epoch[epoch], "right")])
+        yield Start(epoch, end, float(np.angle(common[epoch])))
+
+
+def horizontal_velocity(found: Measurements) -> Complexes:
+    """Return the velocity as north + i east, m/s, ``(m,)``, from the last change of position where
+    there is none; NaN is unknown.
+    """
+    measured = found.values[:, 3] + 1j * found.values[:, 4]
+    position = found.values[:, 0] + 1j * found.values[:, 1]
+    differenced = np.full(measured.size, np.nan, complex)
+    differenced[1:] = np.diff(position) / (np.diff(found.time_ns) * 1e-9)
+    return np.where(np.isnan(measured), differenced, measured)
+
+
+def _energies(
+    found: Measurements, trajectory: Trajectory, first: Indices
+) -> tuple[Complexes, Floats, Floats]:
+    """Return sums over the window of the changes of velocity, ``(m,)`` each: what GNSS and IMU have
+    in common, GNSS alone, IMU alone.
+
+    ``first`` is the first epoch of each epoch's run, ``(m,)``.
+    """
+    time_s = (found.time_ns - found.time_ns[0]) * 1e-9
+    velocity = horizontal_velocity(found)
+    gained = np.append(
+        0.0, np.cumsum(trajectory.velocity_mps[:, 0] + 1j * trajectory.velocity_mps[:, 1])
+    )[trajectory.epoch + 1]
+    partner = np.maximum(np.searchsorted(time_s, time_s - _PAIR_S, "right") - 1, first)
+    change, felt = velocity - velocity[partner], gained - gained[partner]
+    usable = (
+        (time_s - time_s[partner] >= _PAIR_S)
+        & (time_s - time_s[partner] <= _LONGEST_PAIR_S)
+        & ~np.isnan(change)
+    )
+    weight = np.diff(time_s, prepend=time_s[0])
+    products = np.where(
+        usable,
+        weight
+        * np.stack([change * np.conj(felt), np.abs(change) ** 2 + 0j, np.abs(felt) ** 2 + 0j]),
+        0,
+    )
+    total = np.concatenate([np.zeros((3, 1), complex), np.cumsum(products, axis=1)], axis=1)
+    sums = (
+        total[:, 1:]
+        - total[:, np.maximum(np.searchsorted(time_s, time_s - WINDOW_S, "right"), first)]
+    )
+    return sums[0], np.maximum(sums[1].real, 0), np.maximum(sums[2].real, 0)

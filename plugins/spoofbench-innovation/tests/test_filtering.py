@@ -9,11 +9,11 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
-from spoofbench_innovation import InnovationMonitor, alignment, error_model, filtering, gains
-from spoofbench_innovation.grades import GRADES, Grade
-from spoofbench_innovation.nominal import nominal
-from spoofbench_innovation.preintegration import rotations
+from spoofbench_innovation import InnovationMonitor, error_model, filtering, gains
+from spoofbench_innovation.error_model import GRADES, Grade
+from spoofbench_innovation.trajectory import nominal_trajectory, starts
 
+from spoofbench.navigation.preintegration import rotations
 from spoofbench.testing import drive
 
 Array = np.ndarray[Any, Any]
@@ -100,15 +100,15 @@ def test_a_recording_against_filterpy() -> None:
     monitor = InnovationMonitor(lag_s=0.1)
     recording = drive(3, 240.0)
     measured, found = monitor.filtered(recording)
-    configuration = filtering.Settings(monitor.imu_errors, 100_000_000, monitor.restart_s)
-    trajectory = nominal(
+    configuration = filtering.FilterSettings(monitor.imu_errors, 100_000_000, monitor.restart_s)
+    trajectory = nominal_trajectory(
         recording.primary("imu"),
         measured.time_ns,
         configuration.lag_ns,
         configuration.restart_s,
         OFFSET,
     )
-    (start,) = alignment.starts(measured, trajectory)
+    (start,) = starts(measured, trajectory)
     expected, covariance = _by_filterpy(measured, trajectory, start, configuration.grade)
     assert len(expected) > 150
     for epoch, innovation in expected.items():
@@ -218,7 +218,7 @@ def test_variants_together_are_variants_alone(variants: int) -> None:
     noise = np.where(rng.random((50, 1)) < 0.2, np.nan, np.nan_to_num(noise, nan=1.0))
     found = gains.recursion(np.eye(15), transition, process, noise)
     motion = gains.block_motion(transition, rng.normal(0, 0.01, (50, 15, 5)))
-    shared = filtering.Shared(
+    shared = filtering.FilterRun(
         gains.block_matrices(transition, found.gain), motion, found.innovation
     )
     values = np.where(np.isnan(noise)[:, :, None], np.nan, rng.normal(0, 3, (50, 6, variants)))
@@ -230,3 +230,28 @@ def test_variants_together_are_variants_alone(variants: int) -> None:
             shared, values[:, :, n : n + 1], state[:, n : n + 1], 0.3, constants
         )
         assert close(together[:, :, n], alone[:, :, 0])
+
+
+@given(st.lists(st.integers(0, 9), max_size=40), st.integers(0, 30))
+def test_results_are_right_and_bounded(keys: list[int], limit: int) -> None:
+    made: list[int] = []
+
+    def make(key: int) -> bytes:
+        made.append(key)
+        return bytes(key)
+
+    cache = filtering.ResultCache(limit, len)
+    for index, key in enumerate(keys):
+        before = len(made)
+        assert cache.get(key, lambda key=key: make(key)) == bytes(key)
+        assert sum(map(len, cache._kept.values())) <= max(limit, key)
+        if index and keys[index - 1] == key:
+            assert len(made) == before
+
+
+def test_equal_tables_are_different_keys() -> None:
+    """Comparing them would cost more than it saves."""
+    one, other = (drive(0, 60.0).primary("imu") for _ in range(2))
+    assert filtering.SameTable(one) == filtering.SameTable(one)
+    assert hash(filtering.SameTable(one)) == hash(filtering.SameTable(one))
+    assert filtering.SameTable(one) != filtering.SameTable(other)
