@@ -20,7 +20,7 @@ class Job:
         name: of the job.
         timed: what is timed, in one line.
         ours: does the work and returns what came of it.
-        peers: by name, the same.
+        peers: by name, the same; empty where nothing else does this work.
         missing: peers that are not installed.
         check: is given our result and a peer's, once before timing, and raises where they do not
             agree.
@@ -41,13 +41,13 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """A peer's median time over ours; above 1 we are quicker."""
+    """A peer's median time over ours; above 1 we are quicker. None where there is no peer."""
 
     job: str
     peer: str
-    ratio: float
+    ratio: float | None
     ours_ms: float
-    peer_ms: float
+    peer_ms: float | None
 
 
 def run(job: Job, rounds: int) -> list[Result]:
@@ -72,6 +72,8 @@ def run(job: Job, rounds: int) -> list[Result]:
         name: statistics.median(values) / job.parts.get(name, 1.0) for name, values in times.items()
     }
     ours = medians.pop("")
+    if not medians:
+        return [Result(job.name, "none", None, round(ours, 2), None)]
     return [
         Result(job.name, name, round(peer / ours, 2), round(ours, 2), round(peer, 2))
         for name, peer in medians.items()
@@ -82,7 +84,9 @@ def report(results: Sequence[Result]) -> Iterator[str]:
     """Yield the lines of a table that fits 80 columns."""
     yield f"{'job':<24}{'peer':<16}{'ratio':>9}{'ours ms':>12}{'peer ms':>12}"
     for result in results:
-        yield f"{result.job:<24}{result.peer:<16}{result.ratio:>8.1f}x{result.ours_ms:>12.1f}{result.peer_ms:>12.1f}"
+        ratio = "-" if result.ratio is None else f"{result.ratio:.1f}x"
+        peer_ms = "-" if result.peer_ms is None else f"{result.peer_ms:.1f}"
+        yield (f"{result.job:<24}{result.peer:<16}{ratio:>9}{result.ours_ms:>12.1f}{peer_ms:>12}")
 
 
 def save(results: Sequence[Result], path: Path) -> None:
