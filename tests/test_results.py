@@ -1,4 +1,4 @@
-"""The results folder: what is written comes back, whole, and damage is said in one sentence."""
+"""The results folder: what is written comes back, whole, and damage is reported in one sentence."""
 
 from dataclasses import asdict, fields, replace
 from pathlib import Path
@@ -15,9 +15,9 @@ from spoofbench.errors import ResultsError
 from spoofbench.recording import Interval
 from spoofbench.results import (
     TASK_SCHEMA,
-    Outcome,
     Status,
     Task,
+    TaskOutcome,
     Truth,
     read_outcome,
     read_parquet,
@@ -97,7 +97,7 @@ def test_decisions_come_back(
     folder = tmp_path_factory.mktemp("results")
     score = np.array(scores[: len(times)])
     decisions = Decisions(times, score, ~np.isnan(score))
-    write_outcome(folder, "t", Outcome("ok", None, decisions))
+    write_outcome(folder, "t", TaskOutcome("ok", None, decisions))
     back = read_outcome(folder, "t")
     assert back is not None
     assert back.decisions is not None
@@ -108,7 +108,7 @@ def test_decisions_come_back(
 
 @pytest.mark.parametrize("status", [status for status in get_args(Status) if status != "ok"])
 def test_reasons_come_back(tmp_path: Path, status: Status) -> None:
-    write_outcome(tmp_path, "t", Outcome(status, "because", None))
+    write_outcome(tmp_path, "t", TaskOutcome(status, "because", None))
     back = read_outcome(tmp_path, "t")
     assert back is not None
     assert (back.status, back.reason, back.decisions) == (status, "because", None)
@@ -135,7 +135,7 @@ def test_same_content_same_bytes_and_nothing_beside(tmp_path: Path) -> None:
     for name in ("a", "b"):
         write_truth(tmp_path / name, "v", truth())
         write_tasks(tmp_path / name, [TASK])
-        write_outcome(tmp_path / name, "t", Outcome("failed", "because", None))
+        write_outcome(tmp_path / name, "t", TaskOutcome("failed", "because", None))
     files = sorted(
         path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()
     )
@@ -165,7 +165,7 @@ def test_a_write_that_fails_leaves_the_file_that_was_there(
 
 
 def test_damage_is_said(tmp_path: Path) -> None:
-    write_outcome(tmp_path, "t", Outcome("ok", None, Decisions([1], [2.0], [True])))
+    write_outcome(tmp_path, "t", TaskOutcome("ok", None, Decisions([1], [2.0], [True])))
     write_truth(tmp_path, "v", truth())
     write_tasks(tmp_path, [TASK])
     decisions, grid, tasks = (
@@ -174,22 +174,22 @@ def test_damage_is_said(tmp_path: Path) -> None:
         tmp_path / "tasks.parquet",
     )
 
-    told = read_parquet(decisions)
-    write_parquet(decisions, told.replace_schema_metadata(None))
+    stored = read_parquet(decisions)
+    write_parquet(decisions, stored.replace_schema_metadata(None))
     with pytest.raises(ResultsError, match="no status"):
         read_outcome(tmp_path, "t")
-    write_parquet(decisions, told.drop_columns("score"))
+    write_parquet(decisions, stored.drop_columns("score"))
     with pytest.raises(ResultsError, match="lacks values of 'score'"):
         read_outcome(tmp_path, "t")
     decisions.write_bytes(b"PAR1 and no more")
     with pytest.raises(ResultsError, match="cannot be read"):
         read_outcome(tmp_path, "t")
 
-    told = read_parquet(grid)
-    write_parquet(grid, told.replace_schema_metadata(None))
+    stored = read_parquet(grid)
+    write_parquet(grid, stored.replace_schema_metadata(None))
     with pytest.raises(ResultsError, match="epoch and intervals"):
         read_truth(tmp_path, "v")
-    write_parquet(grid, told.set_column(0, "time_ns", pa.nulls(3, pa.int64())))
+    write_parquet(grid, stored.set_column(0, "time_ns", pa.nulls(3, pa.int64())))
     with pytest.raises(ResultsError, match="lacks values of 'time_ns'"):
         read_truth(tmp_path, "v")
     with pytest.raises(ResultsError, match="cannot be read"):
@@ -226,7 +226,9 @@ def test_tasks_that_no_run_writes_are_damage(tmp_path: Path, change: dict[str, o
 
 def test_columns_of_other_types_are_damage(tmp_path: Path) -> None:
     write_tasks(tmp_path, [TASK])
-    write_outcome(tmp_path, "t", Outcome("ok", None, Decisions([1, 2], [2.0, 0.5], [True, True])))
+    write_outcome(
+        tmp_path, "t", TaskOutcome("ok", None, Decisions([1, 2], [2.0, 0.5], [True, True]))
+    )
     write_truth(tmp_path, "v", truth())
     for part, read in (
         ("tasks", lambda: read_tasks(tmp_path)),
@@ -235,13 +237,13 @@ def test_columns_of_other_types_are_damage(tmp_path: Path) -> None:
     ):
         path = tmp_path / f"{part}.parquet"
         good = read_parquet(path)
-        for place, name in enumerate(good.column_names):
+        for index, name in enumerate(good.column_names):
             other = (
                 pa.nulls(len(good), pa.string()).fill_null("x")
                 if good[name].type != pa.string()
                 else pa.array([1] * len(good))
             )
-            write_parquet(path, good.set_column(place, name, other))
+            write_parquet(path, good.set_column(index, name, other))
             with pytest.raises(ResultsError):
                 read()
         write_parquet(path, good)
@@ -249,7 +251,9 @@ def test_columns_of_other_types_are_damage(tmp_path: Path) -> None:
 
 
 def test_decisions_out_of_order_are_damage(tmp_path: Path) -> None:
-    write_outcome(tmp_path, "t", Outcome("ok", None, Decisions([1, 2], [2.0, 0.5], [True, True])))
+    write_outcome(
+        tmp_path, "t", TaskOutcome("ok", None, Decisions([1, 2], [2.0, 0.5], [True, True]))
+    )
     path = tmp_path / "decisions" / "t.parquet"
     write_parquet(path, read_parquet(path).take([1, 0]))
     with pytest.raises(ResultsError, match="decision times must increase"):
@@ -257,7 +261,7 @@ def test_decisions_out_of_order_are_damage(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "about",
+    "metadata",
     [
         {"intervals": '[["a", "b"]]'},
         {"intervals": "[[1.5, NaN]]"},
@@ -270,7 +274,7 @@ def test_decisions_out_of_order_are_damage(tmp_path: Path) -> None:
     ],
 )
 def test_intervals_that_are_not_whole_nanoseconds_are_damage(
-    tmp_path: Path, about: dict[str, str]
+    tmp_path: Path, metadata: dict[str, str]
 ) -> None:
     write_truth(tmp_path, "v", truth())
     path = tmp_path / "truth" / "v.parquet"
@@ -278,7 +282,7 @@ def test_intervals_that_are_not_whole_nanoseconds_are_damage(
     write_parquet(
         path,
         table.replace_schema_metadata(
-            {**table.schema.metadata, **{key.encode(): value for key, value in about.items()}}
+            {**table.schema.metadata, **{key.encode(): value for key, value in metadata.items()}}
         ),
     )
     with pytest.raises(ResultsError, match="epoch and intervals"):

@@ -23,8 +23,8 @@ from spoofbench.recording import Interval
 from spoofbench.report import write_site
 from spoofbench.results import (
     TASK_SCHEMA,
-    Outcome,
     Task,
+    TaskOutcome,
     Truth,
     write_outcome,
     write_parquet,
@@ -158,7 +158,7 @@ def write_results(folder: Path, tasks: Sequence[Task], rng: np.random.Generator)
             write_truth(folder, task.variant_id, truth)
         score = np.abs(rng.normal(0, 0.3, EPOCHS)) + spoofed * rng.gamma(2, 1, EPOCHS)
         decisions = Decisions(time_ns, score, np.arange(EPOCHS) >= 30)
-        write_outcome(folder, task.task_id, Outcome("ok", None, decisions))
+        write_outcome(folder, task.task_id, TaskOutcome("ok", None, decisions))
     write_tasks(folder, tasks)
     write_run(folder, {"suite": "made up", "thresholds": "published"})
     score_folder(folder)
@@ -182,6 +182,7 @@ def _task(number: int, recording: int, attack: int | None, seed: int | None, det
         parameters='{"threshold": 1.0}',
         requires='["gnss/pvt"]',
         memory_s=20.0,
+        baseline=False,
         hold_s=None,
         target_far_per_hour=1.0,
         status="ok",

@@ -127,7 +127,7 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class TaskOutcome:
     """What became of a task: decisions where it is ``ok``, else the reason why there are none."""
 
     status: Status
@@ -140,7 +140,7 @@ _DECISION_SCHEMA = pa.schema(
 )
 
 
-def write_outcome(folder: Path, task_id: str, outcome: Outcome) -> None:
+def write_outcome(folder: Path, task_id: str, outcome: TaskOutcome) -> None:
     """Write one task's outcome, whole or not at all."""
     made = outcome.decisions
     columns: list[Any] = (
@@ -153,7 +153,7 @@ def write_outcome(folder: Path, task_id: str, outcome: Outcome) -> None:
     )
 
 
-def read_outcome(folder: Path, task_id: str) -> Outcome | None:
+def read_outcome(folder: Path, task_id: str) -> TaskOutcome | None:
     """Return one task's outcome, None where there is none yet.
 
     Raises:
@@ -177,7 +177,7 @@ def read_outcome(folder: Path, task_id: str) -> Outcome | None:
             raise ResultsError(
                 f"{path} is damaged: {error}; delete it and resume the run"
             ) from error
-    return Outcome(status, metadata.get("reason") or None, decisions)
+    return TaskOutcome(status, metadata.get("reason") or None, decisions)
 
 
 _TRUTH_TYPES: dict[Any, Any] = {Times: pa.int64(), Bools: pa.bool_(), Floats: pa.float64()}

@@ -1,5 +1,6 @@
-"""Words of the command line to values, and values to what a terminal can show. Heavy imports wait
-until they are needed.
+"""What the command line reads and prints: ``KEY=VALUE`` words, lines, JSON and progress bars.
+
+Heavy imports wait until they are needed.
 """
 
 import json
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from spoofbench.config import Text
 
 Progress = Callable[[str], Callable[[float], None]]
+"""Opens a bar by name and returns what moves it, from 0 to 1."""
 
 
 def read_parameters(pairs: Iterable[str] | None) -> "dict[str, Text]":
@@ -36,12 +38,12 @@ def read_parameters(pairs: Iterable[str] | None) -> "dict[str, Text]":
 
 
 def print_json(value: Any) -> None:
-    """Print for machines."""
+    """Print a value as JSON; unknown is null."""
     typer.echo(json.dumps(value, indent=1, allow_nan=False))
 
 
 def print_lines(lines: Iterable[str]) -> None:
-    """Print lines without what a terminal would obey."""
+    """Print lines without control characters."""
     from spoofbench.formatting import printable
 
     for line in lines:
@@ -49,7 +51,7 @@ def print_lines(lines: Iterable[str]) -> None:
 
 
 def complain(reason: str) -> None:
-    """Print one line on stderr."""
+    """Print a reason on stderr, in one line."""
     from spoofbench.formatting import printable
 
     typer.echo(f"spoofbench: {printable(' '.join(reason.split()))}", err=True)
@@ -57,9 +59,7 @@ def complain(reason: str) -> None:
 
 @contextmanager
 def progress_bars() -> Iterator[Progress]:
-    """Yield a function that opens a progress bar by name and returns what moves it (0 to 1); bars
-    show on a terminal only.
-    """
+    """Yield a function that opens progress bars; they show on a terminal only."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

@@ -10,9 +10,9 @@ import pytest
 from spoofbench.detector import Decisions
 from spoofbench.recording import Interval
 from spoofbench.results import (
-    Outcome,
     Status,
     Task,
+    TaskOutcome,
     Truth,
     write_outcome,
     write_run,
@@ -50,11 +50,11 @@ def make_folder(
         variant = _id("variant", attack, seed)
         truth = make_truth(epochs, attack, seed)
         write_truth(folder, variant, truth)
-        for place, detector in enumerate(detectors):
+        for index, detector in enumerate(detectors):
             status, reason = plan(detector, attack)
             task_id = _id(detector, variant)
-            decisions = make_decisions(truth, place, _rng(task_id)) if status == "ok" else None
-            write_outcome(folder, task_id, Outcome(status, reason, decisions))
+            decisions = make_decisions(truth, index, _rng(task_id)) if status == "ok" else None
+            write_outcome(folder, task_id, TaskOutcome(status, reason, decisions))
             tasks.append(make_task(task_id, variant, detector, attack, seed, truth, status, reason))
     write_tasks(folder, tasks)
     write_run(
@@ -106,12 +106,12 @@ def make_truth(epochs: int, attack: str | None, seed: int | None) -> Truth:
     )
 
 
-def make_decisions(truth: Truth, place: int, rng: np.random.Generator) -> Decisions:
+def make_decisions(truth: Truth, index: int, rng: np.random.Generator) -> Decisions:
     """Noise below the threshold that rises in an attack, less for each further detector; the first
     30 s unavailable.
     """
     n = truth.time_ns.size
-    score = np.abs(rng.normal(0, 0.3, n)) + truth.spoofed * rng.gamma(2, 2 / (1 + place), n)
+    score = np.abs(rng.normal(0, 0.3, n)) + truth.spoofed * rng.gamma(2, 2 / (1 + index), n)
     score[0] = np.inf
     return Decisions(truth.time_ns, score, np.arange(n) >= 30)
 

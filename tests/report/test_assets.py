@@ -1,6 +1,4 @@
-"""The page in a browser: it asks for nothing, complains of nothing, and shows what was asked
-for.
-"""
+"""The page in a browser: it requests nothing, logs nothing, and shows what was asked for."""
 
 import shutil
 from urllib.parse import urlencode
@@ -28,29 +26,27 @@ def browser():
 
 @pytest.fixture
 def visit(browser, tmp_path):
-    """Open a folder's page; afterwards it must have asked for itself alone and have had nothing to
-    complain of.
-    """
-    asked, complaints, contexts = [], [], []
+    """Open a folder's page; afterwards it must have requested itself alone and logged nothing."""
+    requests, messages, contexts = [], [], []
 
     def open_page(folder, fragment="", **options):
         path = write_site(folder, leaderboard(folder), tmp_path / f"site{len(contexts)}")
         context = browser.new_context(**options)
         contexts.append(context)
         page = context.new_page()
-        page.on("request", lambda request: asked.append(request.url.partition("#")[0]))
-        page.on("console", lambda message: complaints.append(message.text))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: requests.append(request.url.partition("#")[0]))
+        page.on("console", lambda message: messages.append(message.text))
+        page.on("pageerror", lambda error: messages.append(str(error)))
         page.goto(f"{path.as_uri()}{fragment}")
         page.wait_for_selector("#map svg")
-        asked.remove(path.as_uri())
+        requests.remove(path.as_uri())
         return page
 
     yield open_page
     for context in contexts:
         context.close()
-    assert not asked
-    assert not complaints
+    assert not requests
+    assert not messages
 
 
 def address(detector, attack, seed):
@@ -121,7 +117,7 @@ def test_arrow_keys_read_values_from_the_timeline(folder, visit):
         page.keyboard.press("PageDown")
     assert page.inner_text("#readout").startswith("240.0 s: score ")
     assert "m from the clean position" in page.inner_text("#readout")
-    assert page.locator("#map .said").get_attribute("visibility") == "visible"
+    assert page.locator("#map .reported-position").get_attribute("visibility") == "visible"
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -133,7 +129,7 @@ def test_no_width_scrolls_the_page_sideways(folder, visit, width, scheme):
 
 def test_hostile_texts_run_nothing(hostile_folder, visit):
     page = visit(hostile_folder)
-    for place in range(page.locator("#choose-attack option").count()):
-        page.select_option("#choose-attack", index=place)
+    for index in range(page.locator("#choose-attack option").count()):
+        page.select_option("#choose-attack", index=index)
     assert page.title() != "owned"
     assert page.locator("img").count() == 0

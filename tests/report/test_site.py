@@ -14,7 +14,7 @@ from spoofbench.detector import Decisions
 from spoofbench.errors import ResultsError
 from spoofbench.report import markdown, write_site
 from spoofbench.report.runs import STEPS
-from spoofbench.results import Outcome, read_tasks, read_truth, write_outcome, write_tasks
+from spoofbench.results import TaskOutcome, read_tasks, read_truth, write_outcome, write_tasks
 from spoofbench.scoring.leaderboard import leaderboard
 from spoofbench.scoring.score import score_folder
 
@@ -57,8 +57,8 @@ def page(folder, tmp_path_factory):
 def test_equal_folders_give_equal_bytes(folder, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "elsewhere")
     sites = [
-        write_site(place, leaderboard(place), tmp_path / name).parent
-        for place, name in ((folder, "a"), (copy, "b"))
+        write_site(source, leaderboard(source), tmp_path / name).parent
+        for source, name in ((folder, "a"), (copy, "b"))
     ]
     names = sorted(path.name for path in sites[0].iterdir())
     assert (
@@ -175,7 +175,9 @@ def test_many_decisions_are_thinned_and_no_alert_vanishes(make, tmp_path):
     truth = read_truth(folder, task.variant_id)
     time_ns = np.arange(truth.time_ns[0], truth.time_ns[-1], 500_000)
     score = np.where(np.arange(time_ns.size) == 777_777, 1.5, 0.1)
-    write_outcome(folder, task.task_id, Outcome("ok", None, Decisions(time_ns, score, score > 0)))
+    write_outcome(
+        folder, task.task_id, TaskOutcome("ok", None, Decisions(time_ns, score, score > 0))
+    )
     score_folder(folder)
     path = write_site(folder, leaderboard(folder), tmp_path / "site")
     assert path.stat().st_size < 10_000_000

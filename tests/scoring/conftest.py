@@ -12,9 +12,9 @@ import pytest
 from spoofbench.detector import Decisions
 from spoofbench.recording import Interval
 from spoofbench.results import (
-    Outcome,
     Status,
     Task,
+    TaskOutcome,
     Truth,
     write_outcome,
     write_run,
@@ -60,18 +60,18 @@ def truth_of(windows: Sequence[tuple[int, int]], epochs: int = EPOCHS) -> Truth:
     error_m = np.zeros(epochs)
     for start, end in windows:
         error_m[start:end] = np.arange(1, end - start + 1)
-    place = np.zeros(epochs)
+    zeros = np.zeros(epochs)
     return Truth(
         time_ns=time_ns,
         observed=np.ones(epochs, bool),
         spoofed=spoofed,
         guard=release_guard(time_ns, intervals, 0.0) & ~spoofed,
-        lat_deg=place,
-        lon_deg=place,
-        clean_lat_deg=place,
-        clean_lon_deg=place,
+        lat_deg=zeros,
+        lon_deg=zeros,
+        clean_lat_deg=zeros,
+        clean_lon_deg=zeros,
         position_error_m=error_m,
-        velocity_error_mps=place,
+        velocity_error_mps=zeros,
         epoch_ns=S,
         intervals=intervals,
     )
@@ -106,7 +106,7 @@ class Bench:
         score[list(alerts)], available[list(unavailable)] = 2.0, False
         reason = None if status == "ok" else f"it is {status}"
         decisions = Decisions(np.arange(epochs) * S, score, available) if status == "ok" else None
-        write_outcome(self.path, task_id, Outcome(status, reason, decisions))
+        write_outcome(self.path, task_id, TaskOutcome(status, reason, decisions))
         known: Mapping[str, Any] = {"seed": None if attack is None else 0, **about}
         task = replace(
             TASK,

@@ -1,4 +1,4 @@
-"""The grid: every epoch that a receiver owed, once, and what was true and said there."""
+"""The grid: every epoch that a receiver owed, once, with its truth and its decision."""
 
 import numpy as np
 import pytest
@@ -169,8 +169,8 @@ def decisions(seconds: list[float], score: list[float]) -> Decisions:
 
 def test_an_epoch_takes_the_latest_decision_after_the_previous_epoch() -> None:
     truth = build_truth(*[recording([0, 1, 2, 3, 4])] * 2)
-    said = decisions([0, 0.4, 0.9, 2, 3.2, 3.5], [0.1, 5.0, 0.2, 3.0, 4.0, np.nan])
-    np.testing.assert_array_equal(score_on_grid(said, truth, None), [0.1, 0.2, 3.0, np.nan, np.nan])
+    made = decisions([0, 0.4, 0.9, 2, 3.2, 3.5], [0.1, 5.0, 0.2, 3.0, 4.0, np.nan])
+    np.testing.assert_array_equal(score_on_grid(made, truth, None), [0.1, 0.2, 3.0, np.nan, np.nan])
 
 
 def test_a_hold_lets_a_decision_last() -> None:
@@ -192,13 +192,13 @@ def test_agrees_with_a_loop(tenths: list[int], hold: int | None, data: st.DataOb
     )
     expected, previous = [], int(truth.time_ns[0]) - truth.epoch_ns
     for epoch in truth.time_ns.tolist():
-        told = [
+        earlier = [
             (t * S // 10, s) for t, s in zip(tenths, score, strict=True) if t * S // 10 <= epoch
         ]
-        held = bool(told) and (
-            told[-1][0] > previous if hold is None else epoch - told[-1][0] <= hold * S // 10
+        held = bool(earlier) and (
+            earlier[-1][0] > previous if hold is None else epoch - earlier[-1][0] <= hold * S // 10
         )
-        expected.append(told[-1][1] if held else np.nan)
+        expected.append(earlier[-1][1] if held else np.nan)
         previous = epoch
     got = score_on_grid(
         decisions([t / 10 for t in tenths], score), truth, None if hold is None else hold / 10

@@ -9,7 +9,7 @@ import pytest
 
 from spoofbench.detector import Decisions
 from spoofbench.errors import ResultsError
-from spoofbench.results import Outcome, write_outcome
+from spoofbench.results import TaskOutcome, write_outcome
 from spoofbench.scoring.score import SCORE_SCHEMA, score_folder
 
 FIRST_COLUMNS = """
@@ -53,7 +53,7 @@ def test_alerts_between_epochs_are_false_alerts_too(bench: Any) -> None:
         np.where(np.isin(np.arange(400), [41, 201]), 2.0, 0.5),
         np.ones(400, bool),
     )
-    write_outcome(bench.path, "t0", Outcome("ok", None, between))
+    write_outcome(bench.path, "t0", TaskOutcome("ok", None, between))
     (row,) = bench.score()
     assert (row["episodes"], row["far_epoch"], row["availability"]) == (2, 0.0, 1.0)
 
@@ -158,7 +158,7 @@ def test_a_hold_keeps_a_slow_detector_available(
 ) -> None:
     bench.add("d", "replay", hold_s=hold_s)
     slow = Decisions(np.arange(0, 200, 10) * 1_000_000_000, np.full(20, 2.0), np.ones(20, bool))
-    write_outcome(bench.path, "t0", Outcome("ok", None, slow))
+    write_outcome(bench.path, "t0", TaskOutcome("ok", None, slow))
     (row,) = bench.score()
     assert row["detection_pct"] == pytest.approx(pct)
     assert row["detection_pct_available"] == pytest.approx(available_pct)

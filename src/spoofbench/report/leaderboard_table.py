@@ -287,7 +287,7 @@ def _terminal_table(board: Leaderboard) -> Table:
         if column.is_name:
             table.add_column(column.heading.lower(), overflow="fold", max_width=_NAME_WIDTH)
             continue
-        # figures with a mark keep a place for it, so that they stand below each other
+        # a blank where other rows have a mark keeps the figures aligned
         heading = column.heading + (" " if column.interval == "beside" else "")
         for each in [heading, *(["95 %"] if column.interval == "beside" else [])]:
             table.add_column(Text(each), justify="right", no_wrap=True, vertical="top")

@@ -1,8 +1,8 @@
 """What the page carries of each run: its labels, figures, decisions, and the track it was on.
 
-Arrays are little-endian integers in base64, each stored once. Rounding, said on the page too: times
-to 1 ms, positions to 0.1 m, scores to 0.0005 up to 1 and to 0.12 % above. Rounding never moves a
-score over the threshold.
+Arrays are little-endian integers in base64, each stored once. They are rounded, as the page states:
+times to 1 ms, positions to 0.1 m, scores to 0.0005 up to 1 and to 0.12 % above. Rounding never
+moves a score over the threshold.
 """
 
 import base64
@@ -298,9 +298,7 @@ def _run(
 
 
 def _facts(task: Task, figures: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Name and text of what is to be said beside a run's plots; a clean run has no detection, an
-    attacked no false alerts.
-    """
+    """Names and texts beside a run's plots: a clean run has false alerts, others detection."""
 
     def text(form: Callable[[float | None], str], name: str, unit: str) -> str:
         value = form(figures.get(name))

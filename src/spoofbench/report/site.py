@@ -122,12 +122,12 @@ def _heat_cell(cell: LeaderboardCell, task: Task | None) -> HeatCell:
     pct, text = cell.detection_pct, cell_text(cell)
     counts = {"failed": cell.failed, "skipped": cell.skipped, "not modelled": cell.not_modelled}
     note = ", ".join(f"{n} {name}" for name, n in counts.items() if n)
-    said = text if pct is None else f"{text} %"
+    share = text if pct is None else f"{text} %"
     return HeatCell(
         text=text,
         share=None if pct is None else round(pct, 1),
         link="" if task is None else urlencode(labels(task)),
-        label=f"{cell.detector} on {cell.attack}: {said}{f', {note}' if note else ''}",
+        label=f"{cell.detector} on {cell.attack}: {share}{f', {note}' if note else ''}",
         note=note,
     )
 

@@ -16,7 +16,7 @@ from spoofbench import plugins
 from spoofbench.detector import Decisions
 from spoofbench.errors import PluginError, SuiteError
 from spoofbench.recording import Interval
-from spoofbench.results import Outcome, Status
+from spoofbench.results import Status, TaskOutcome
 from spoofbench.runner import identity, jobs
 from spoofbench.runner.jobs import DescriptionJob, DetectorJob, RecordingJob, VariantJob
 from spoofbench.runner.plan import (
@@ -245,7 +245,7 @@ class RecordingRun:
             if failure is None:
                 runnable.append(task)
             else:
-                self.store.done(task, Outcome(*failure, None))
+                self.store.done(task, TaskOutcome(*failure, None))
         return runnable
 
 
@@ -323,10 +323,10 @@ class DetectorRun:
             except WorkerDied as error:
                 reason = str(error)
         if alone:
-            self.store.done(left.pop(0), Outcome(status, reason, None))
+            self.store.done(left.pop(0), TaskOutcome(status, reason, None))
         return left
 
-    def _next(self, worker: Worker, task: PlannedTask) -> tuple[Outcome, Cost]:
+    def _next(self, worker: Worker, task: PlannedTask) -> tuple[TaskOutcome, Cost]:
         record = worker.receive(self.limits.time_s)
         status, reason = record.get("status"), record.get("reason")
         if record.get("variant") != task.variant.number or status not in (
@@ -337,12 +337,12 @@ class DetectorRun:
             raise WorkerDied("it disturbed the connection of its process")
         cost = Cost(record.get("seconds"), record.get("growth_mb"))
         if status != "ok":
-            return Outcome(status, str(reason), None), cost
+            return TaskOutcome(status, str(reason), None), cost
         try:
             decisions = _decisions(worker, record.get("rows"), self.limits.time_s)
         except PluginError as error:
-            return Outcome("failed", f"PluginError: {error}", None), cost
-        return Outcome("ok", None, decisions), cost
+            return TaskOutcome("failed", f"PluginError: {error}", None), cost
+        return TaskOutcome("ok", None, decisions), cost
 
 
 def _decisions(worker: Worker, rows: Any, within_s: float) -> Decisions:

@@ -14,8 +14,8 @@ import pyarrow as pa
 from spoofbench.errors import ResultsError
 from spoofbench.results import (
     FAILURES,
-    Outcome,
     Status,
+    TaskOutcome,
     has_truth,
     read_outcome,
     read_parquet,
@@ -110,7 +110,7 @@ class ResultStore:
                 self._count(task, outcome)
         return missing
 
-    def _old(self, task: PlannedTask) -> Outcome | None:
+    def _old(self, task: PlannedTask) -> TaskOutcome | None:
         try:
             outcome = read_outcome(self.folder, task.id)
         except ResultsError:
@@ -123,14 +123,14 @@ class ResultStore:
             else outcome
         )
 
-    def done(self, task: PlannedTask, outcome: Outcome, cost: Cost = Cost(None, None)) -> None:
+    def done(self, task: PlannedTask, outcome: TaskOutcome, cost: Cost = Cost(None, None)) -> None:
         """Write what became of a task."""
         write_outcome(self.folder, task.id, outcome)
         with self._lock:
             self._costs[task.id] = cost
         self._count(task, outcome)
 
-    def _count(self, task: PlannedTask, outcome: Outcome) -> None:
+    def _count(self, task: PlannedTask, outcome: TaskOutcome) -> None:
         with self._lock:
             self.found[task.id] = (outcome.status, outcome.reason)
             if self._progress:

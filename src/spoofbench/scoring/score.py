@@ -42,7 +42,7 @@ from spoofbench.scoring.statistics import partial_auc, roc_curve
 P_FA_LIMIT = 0.01
 """Largest P_FA per epoch that the partial area under the ROC curve looks at."""
 
-# what the figures are, and their units, is said where they are computed: spoofbench.scoring.metrics
+# spoofbench.scoring.metrics says what the figures are
 SCORE_SCHEMA = pa.schema(
     [
         ("recording", pa.string()),

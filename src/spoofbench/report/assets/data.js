@@ -6,22 +6,22 @@ const ABSENT = -(2 ** 31), UNAVAILABLE = -(2 ** 15), INFINITE = 2 ** 15 - 1;
 
 const decoded = new Map();
 
-function array(place, Kind) {
-  if (!decoded.has(place)) {
-    const text = atob(DATA.arrays[place]);
+function array(index, Kind) {
+  if (!decoded.has(index)) {
+    const text = atob(DATA.arrays[index]);
     const bytes = Uint8Array.from(text, letter => letter.charCodeAt(0));
     const view = new DataView(bytes.buffer), size = Kind.BYTES_PER_ELEMENT;
     const get = size === 2 ? i => view.getInt16(2 * i, true) : i => view.getInt32(4 * i, true);
-    decoded.set(place, Kind.from({ length: bytes.length / size }, (_, i) => get(i)));
+    decoded.set(index, Kind.from({ length: bytes.length / size }, (_, i) => get(i)));
   }
-  return decoded.get(place);
+  return decoded.get(index);
 }
 
-const seconds = place => Array.from(array(place, Int32Array), ms => ms / 1000);
+const seconds = index => Array.from(array(index, Int32Array), ms => ms / 1000);
 
 // A point is [east, north] in metres, or null.
-function points(place) {
-  const values = array(place, Int32Array), n = values.length / 2;
+function points(index) {
+  const values = array(index, Int32Array), n = values.length / 2;
   return Array.from({ length: n }, (_, i) => values[i] === ABSENT ? null : [values[i] / 10, values[n + i] / 10]);
 }
 
@@ -31,13 +31,13 @@ const toAxis = s => Math.abs(s) <= 1 ? s : Math.sign(s) * (1 + Math.log10(Math.a
 
 function track(variant) {
   if (variant.track) return variant.track;
-  const time = seconds(variant.epochs), clean = points(variant.clean), said = clean.slice();
+  const time = seconds(variant.epochs), clean = points(variant.clean), reported = clean.slice();
   const attacked = variant.attacked.map(part => {
     const moved = points(part.track);
-    moved.forEach((point, i) => { said[part.first + i] = point; });
+    moved.forEach((point, i) => { reported[part.first + i] = point; });
     return moved;
   });
-  return variant.track = { time, clean, said, attacked };
+  return variant.track = { time, clean, reported, attacked };
 }
 
 function trace(run) {

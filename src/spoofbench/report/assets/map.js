@@ -58,16 +58,16 @@ function grid(svg, { pixel, metres }, width, height, margin) {
   shape(svg, "text", { x: up[0], y: up[1], transform: `rotate(-90 ${up})`, "text-anchor": "middle" }, "north of the start, m");
 }
 
-// Returns a function that marks where the receiver truly was and where it said it was at an epoch (-1: neither).
-function drawMap(place, run, variant) {
-  const { time, clean, said, attacked } = track(variant);
-  const width = place.clientWidth, height = Math.round(Math.min(Math.max(width * 0.62, 300), 520));
+// Returns a function that marks where the receiver was and where it reported to be at an epoch (-1: neither).
+function drawMap(box, run, variant) {
+  const { time, clean, reported, attacked } = track(variant);
+  const width = box.clientWidth, height = Math.round(Math.min(Math.max(width * 0.62, 300), 520));
   const margin = { left: 66, right: 12, top: 10, bottom: 42 };
-  place.replaceChildren();
-  const svg = shape(place, "svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "img", "aria-label": "Map of the clean and the spoofed track" });
+  box.replaceChildren();
+  const svg = shape(box, "svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "img", "aria-label": "Map of the clean and the spoofed track" });
   const all = [...clean, ...attacked.flat()].filter(Boolean);
   if (!all.length) {
-    place.replaceChildren(time.length ? "There are no positions to draw." : "This variant was not made.");
+    box.replaceChildren(time.length ? "There are no positions to draw." : "This variant was not made.");
     return () => {};
   }
   const view = projection(all, width, height, margin);
@@ -78,8 +78,8 @@ function drawMap(place, run, variant) {
   if (decisions) {
     const spots = new Set(decisions.time.filter((_, i) => decisions.alert[i]).map(t => latest(time, t)));
     for (const i of spots) {
-      if (i < 0 || !said[i]) continue;
-      const [x, y] = view.pixel(said[i]);
+      if (i < 0 || !reported[i]) continue;
+      const [x, y] = view.pixel(reported[i]);
       shape(svg, "circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 2, class: "alert-spot" });
     }
   }
@@ -88,8 +88,8 @@ function drawMap(place, run, variant) {
   shape(svg, "path", { d: `M${x - 6} ${y + 5}L${x + 6} ${y + 5}L${x} ${y - 7}Z`, class: "start-mark" });
   const side = x > width - 60 ? -1 : 1;
   shape(svg, "text", { x: x + 9 * side, y: y - 7, "text-anchor": side < 0 ? "end" : "start", class: "start-text" }, "start");
-  const truly = shape(svg, "circle", { r: 6, class: "truly", visibility: "hidden" });
-  const saidMark = shape(svg, "circle", { r: 6, class: "said", visibility: "hidden" });
+  const trueMark = shape(svg, "circle", { r: 6, class: "true-position", visibility: "hidden" });
+  const reportedMark = shape(svg, "circle", { r: 6, class: "reported-position", visibility: "hidden" });
   const put = (mark, point) => {
     mark.setAttribute("visibility", point ? "visible" : "hidden");
     if (!point) return;
@@ -97,5 +97,5 @@ function drawMap(place, run, variant) {
     mark.setAttribute("cx", cx);
     mark.setAttribute("cy", cy);
   };
-  return i => { put(truly, clean[i]); put(saidMark, said[i] === clean[i] ? null : said[i]); };
+  return i => { put(trueMark, clean[i]); put(reportedMark, reported[i] === clean[i] ? null : reported[i]); };
 }

@@ -51,7 +51,7 @@ function readout(run, variant, mark, idx) {
   const epoch = latest(path.time, time[idx]);
   mark(epoch);
   const score = y[idx] === null ? "unavailable" : `score ${infinite[idx] ? "infinite" : NUMBER.format(fromAxis(y[idx]))}${alert[idx] ? ", alert" : ""}`;
-  const [a, b] = [path.clean[epoch], path.said[epoch]];
+  const [a, b] = [path.clean[epoch], path.reported[epoch]];
   const apart = a && b && a !== b ? `, ${METRES.format(Math.hypot(a[0] - b[0], a[1] - b[1]))} m from the clean position` : "";
   out.textContent = `${time[idx].toFixed(1)} s: ${score}${apart}`;
 }

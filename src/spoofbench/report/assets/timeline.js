@@ -81,7 +81,7 @@ function axis(more) {
 }
 
 // Returns the plot; `look(time)` is called with the time under the cursor, or null.
-function drawTimeline(place, run, variant, look) {
+function drawTimeline(box, run, variant, look) {
   const { time, y, alert } = trace(run);
   const absent = unavailable(time, y);
   const lone = y.map((v, i) => v !== null && (y[i - 1] ?? null) === null && (y[i + 1] ?? null) === null ? i : -1).filter(i => i >= 0);
@@ -89,7 +89,7 @@ function drawTimeline(place, run, variant, look) {
   const known = y.filter(v => v !== null);
   const low = known.reduce((a, b) => Math.min(a, b), 0), high = known.reduce((a, b) => Math.max(a, b), 1.4);
   const options = {
-    width: place.clientWidth, height: 300, legend: { show: false },
+    width: box.clientWidth, height: 300, legend: { show: false },
     padding: [12, 22, 0, 0],
     scales: { x: { time: false }, y: { range: [low - 0.06 * (high - low), high + 0.06 * (high - low)] } },
     axes: [
@@ -108,8 +108,8 @@ function drawTimeline(place, run, variant, look) {
       setCursor: [u => look(u.cursor.idx === null || u.cursor.left < 0 ? null : u.cursor.idx)],
     },
   };
-  place.replaceChildren();
-  const plot = new uPlot(options, [time, y, alerts], place);
+  box.replaceChildren();
+  const plot = new uPlot(options, [time, y, alerts], box);
   plot.over.addEventListener("mouseleave", () => look(null));
   return plot;
 }
