@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from spoofbench import plugins
+from spoofbench.config import Text, plain
 from spoofbench.errors import PluginError
 from spoofbench.plugins import DETECTORS, find, found, make
 
@@ -21,6 +22,30 @@ class Detector:
     def __post_init__(self):
         if self.level < 0:
             raise ValueError("level must be at least 0")
+"""
+
+TYPED = """
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+import numpy as np
+
+class Mode(Enum):
+    SLOW = "slow"
+    FAST = "fast"
+
+@dataclass(frozen=True)
+class Noise:
+    sigma_m: float = 1.0
+
+@dataclass(frozen=True)
+class Detector:
+    level: float
+    mode: Mode = Mode.SLOW
+    taps: tuple[float, ...] = ()
+    noise: "Noise | None" = None
+    gain: np.float32 = np.float32(1)
+    log: Path | None = None
 """
 
 
@@ -122,3 +147,39 @@ def test_what_is_no_dataclass_has_no_parameters(install: Install) -> None:
     install("stranger-g", "plain", "class Detector: pass")
     with pytest.raises(PluginError, match=r"stranger-g 1.2.3 is not a dataclass"):
         make(DETECTORS, "plain")
+
+
+def test_a_strangers_parameters_are_read_as_they_are_annotated(install: Install) -> None:
+    install("stranger-h", "typed", TYPED)
+    made = make(
+        DETECTORS,
+        "typed",
+        {
+            "level": 2,
+            "mode": Text("fast"),
+            "taps": Text("[1, 2]"),
+            "noise": {"sigma_m": 0.5},
+            "gain": Text("0.25"),
+            "log": Text("a/b.csv"),
+        },
+    )
+    assert plain(made) == {
+        "level": 2.0,
+        "mode": "fast",
+        "taps": [1.0, 2.0],
+        "noise": {"sigma_m": 0.5},
+        "gain": 0.25,
+        "log": "a/b.csv",
+    }
+    assert make(DETECTORS, "typed", plain(made)) == made
+    for parameters, sentence in (
+        ({}, "lacks the parameter 'level'; add it"),
+        ({"level": "1"}, "parameter level = '1' must be a number"),
+        ({"level": 1, "mode": Text("fats")}, "must be one of 'slow', 'fast', 'SLOW', 'FAST'; did"),
+        ({"level": 1, "taps": ["x"]}, "parameter taps[0] = 'x' must be a number"),
+        ({"level": 1, "noise": {"sigma": 1}}, "[noise] has no parameter 'sigma'; did you mean"),
+    ):
+        with pytest.raises(PluginError) as caught:
+            make(DETECTORS, "typed", parameters)
+        assert str(caught.value).startswith("detector 'typed' of stranger-h 1.2.3")
+        assert sentence in str(caught.value)

@@ -1,15 +1,27 @@
 """A suite file means what it says, or is refused with the key, the value and what to do."""
 
+import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spoofbench.config import plain
 from spoofbench.errors import SuiteError
-from spoofbench.suite import load_suite, packaged_suite
+from spoofbench.suite import (
+    AttackEntry,
+    DetectorEntry,
+    Limits,
+    RecordingEntry,
+    Suite,
+    load_suite,
+    packaged_suite,
+)
 
 ROOT = Path(__file__).parents[1]
 
@@ -224,3 +236,73 @@ def test_the_packaged_drive_is_as_large_as_promised(tmp_path: Path) -> None:
 def test_an_unknown_packaged_suite_is_an_error() -> None:
     with pytest.raises(SuiteError, match="did you mean 'drive'"):
         packaged_suite("drives")
+
+
+labels = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9._-]{0,9}", fullmatch=True)
+seconds = st.floats(0, 1e9)
+durations = st.floats(0, 1e9, exclude_min=True)
+parameters = st.dictionaries(
+    labels,
+    st.recursive(
+        st.booleans() | st.integers(-(2**63), 2**63 - 1) | labels | seconds,
+        lambda inner: st.lists(inner).map(tuple) | st.dictionaries(labels, inner),
+        max_leaves=3,
+    ),
+)
+
+
+def _subsets(names: list[str]) -> st.SearchStrategy[tuple[str, ...]]:
+    return st.lists(st.sampled_from(names), unique=True).map(tuple) if names else st.just(())
+
+
+@st.composite
+def suites(draw: Callable[..., Any]) -> Suite:
+    recordings, attacks, detectors = (
+        draw(st.lists(labels, unique=True, min_size=least, max_size=3)) for least in (1, 0, 1)
+    )
+    return Suite(
+        draw(labels),
+        draw(st.integers(0, 2**63 - 1)),
+        tuple(draw(st.lists(st.integers(0, 2**63 - 1), unique=True, min_size=1, max_size=4))),
+        draw(seconds),
+        draw(durations),
+        draw(seconds),
+        Limits(draw(durations), draw(st.integers(256, 2**40))),
+        tuple(
+            RecordingEntry(
+                name,
+                Path("/", draw(labels)),
+                draw(labels),
+                draw(_subsets([other for other in recordings if other != name])),
+            )
+            for name in recordings
+        ),
+        tuple(
+            AttackEntry(
+                name, draw(labels), draw(parameters), draw(st.none() | _subsets(recordings))
+            )
+            for name in attacks
+        ),
+        tuple(
+            DetectorEntry(name, draw(labels), draw(parameters), draw(st.none() | durations))
+            for name in detectors
+        ),
+    )
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, dict):
+        pairs = (f"{_toml(key)} = {_toml(item)}" for key, item in value.items() if item is not None)
+        return f"{{ {', '.join(pairs)} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(value)
+
+
+@settings(deadline=None, max_examples=50)
+@given(suites())
+def test_what_a_suite_says_reads_back_equal(
+    tmp_path_factory: pytest.TempPathFactory, suite: Suite
+) -> None:
+    text = "\n".join(f"{key} = {_toml(value)}" for key, value in plain(suite).items())
+    assert load_suite(write(tmp_path_factory.mktemp("suite"), text)) == suite

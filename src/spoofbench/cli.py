@@ -357,7 +357,7 @@ def plugins(as_json: AsJson = False) -> None:
 
     rows = [
         {
-            "kind": group.removeprefix("spoofbench.").removesuffix("s"),
+            "kind": installed.role(group),
             "name": p.name,
             "distribution": p.distribution,
             "version": p.version,

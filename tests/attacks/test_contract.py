@@ -1,12 +1,16 @@
 """From file to file: where the window lies, and what is told of it."""
 
+import json
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from spoofbench.attacks.contract import attack_file
+from spoofbench.attacks.contract import attack_file, parameters_of
+from spoofbench.attacks.synthetic import DragOff
 from spoofbench.codec import read, write
-from spoofbench.errors import NotApplicable
+from spoofbench.errors import NotApplicable, PluginError
 from spoofbench.testing import drive
 
 
@@ -62,3 +66,16 @@ def test_a_window_beyond_the_recording_is_refused(tmp_path: Path) -> None:
             clean, tmp_path / "variant.mcap", "drag-off", {}, start_s=100.0, duration_s=30.0
         )
     assert not (tmp_path / "variant.mcap").exists()
+
+
+def test_parameters_of_any_readable_sort_are_stated_in_the_truth() -> None:
+    @dataclass(frozen=True)
+    class Odd(DragOff):
+        log: Path = Path("a/b")
+        gain: np.float32 = np.float32(0.5)  # noqa: RUF009
+        what: object = None
+
+    stated = json.loads(parameters_of("odd", Odd()))
+    assert (stated["log"], stated["gain"]) == ("a/b", 0.5)
+    with pytest.raises(PluginError, match="a parameter that JSON cannot hold"):
+        parameters_of("odd", Odd(what=object()))

@@ -140,6 +140,8 @@ def topic_settings(kind_name: str) -> type[TopicSettings]:
         [(name, annotation, None) for name, annotation in annotations.items()],
         bases=(TopicSettings,),
         frozen=True,
+        eq=False,
+        repr=False,
     )
 
 

@@ -13,7 +13,7 @@ from pathlib import PurePath
 from types import NoneType, UnionType
 from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin, get_type_hints
 
-from annotated_types import DocInfo, Ge, GroupedMetadata, Gt, Le, Lt, MaxLen, MinLen, Predicate
+from annotated_types import DocInfo, Ge, Gt, Le, Lt, MaxLen, MinLen, Predicate
 
 from spoofbench.config.wording import bare_key, did_you_mean, one_line, shown
 from spoofbench.errors import SpoofbenchError
@@ -21,6 +21,7 @@ from spoofbench.errors import SpoofbenchError
 NOT_ONLY_FINITE = "not only finite"
 """In ``Annotated``: floats within may be infinite or NaN."""
 
+_IS_GROUP = "__is_annotated_types_grouped_metadata__"
 _LISTS: Mapping[Any, Callable[[list[Any]], Any]] = {tuple: tuple, Sequence: tuple, list: list}
 _TABLES = (dict, Mapping)
 _BOUNDS: Mapping[type, tuple[str, Callable[[Any, Any], bool], str]] = {
@@ -166,6 +167,8 @@ class _Value:
             SpoofbenchError: of the section's class: a table within it is wrong, or nothing can be
                 read for such an annotation.
         """
+        if kind is type(value) and kind in (bool, str):
+            return value  # as most are
         origin, args = get_origin(kind) or kind, get_args(kind)
         if origin is Annotated:
             return self._constrained(args[0], args[1:], value)
@@ -328,9 +331,9 @@ class _Value:
         rules = [
             rule
             for each in metadata
-            for rule in (each if isinstance(each, GroupedMetadata) else (each,))
+            for rule in (each if getattr(each, _IS_GROUP, False) else (each,))
         ]
-        within = replace(self, any_float=self.any_float or NOT_ONLY_FINITE in rules)
+        within = replace(self, any_float=True) if NOT_ONLY_FINITE in rules else self
         words = next((rule.documentation for rule in rules if isinstance(rule, DocInfo)), None)
         try:
             made = within.read(kind, value)
