@@ -16,9 +16,9 @@ from spoofbench.errors import SuiteError
 from spoofbench.suite import (
     AttackEntry,
     DetectorEntry,
-    Limits,
     RecordingEntry,
     Suite,
+    TaskLimits,
     load_suite,
     packaged_suite,
 )
@@ -267,7 +267,7 @@ def suites(draw: Callable[..., Any]) -> Suite:
         draw(seconds),
         draw(durations),
         draw(seconds),
-        Limits(draw(durations), draw(st.integers(256, 2**40))),
+        TaskLimits(draw(durations), draw(st.integers(256, 2**40))),
         tuple(
             RecordingEntry(
                 name,

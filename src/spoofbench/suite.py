@@ -89,7 +89,7 @@ Seeds = Annotated[
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class TaskLimits:
     """What one task may take: wall-clock time, and memory over that of a worker that holds the
     recording.
     """
@@ -140,7 +140,7 @@ class Suite:
     warm_up_s: Seconds
     duration_s: Duration
     target_far_per_hour: Annotated[float, Ge(0)]
-    limits: Limits
+    limits: TaskLimits
     recordings: Annotated[tuple[RecordingEntry, ...], MinLen(1)]
     attacks: tuple[AttackEntry, ...]
     detectors: Annotated[tuple[DetectorEntry, ...], MinLen(1)]

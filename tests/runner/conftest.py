@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from spoofbench import codec, plugins
-from spoofbench.suite import AttackEntry, DetectorEntry, Limits, RecordingEntry, Suite
+from spoofbench.suite import AttackEntry, DetectorEntry, RecordingEntry, Suite, TaskLimits
 from spoofbench.testing.recordings import drive
 
 FAKES = Path(__file__).parent / "fakes"
@@ -52,7 +52,7 @@ def make_suite(fakes: Path, logs: Path) -> MakeSuite:
             "warm_up_s": 10.0,
             "duration_s": 20.0,
             "target_far_per_hour": 3.5,
-            "limits": Limits(time_s=20.0, memory_mb=256),
+            "limits": TaskLimits(time_s=20.0, memory_mb=256),
             "recordings": tuple(RecordingEntry(name, path, name) for name, path in paths.items()),
             "attacks": tuple(
                 AttackEntry(entry, entry) if isinstance(entry, str) else entry for entry in attacks

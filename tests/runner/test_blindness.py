@@ -10,7 +10,7 @@ from spoofbench.recording import Recording
 from spoofbench.results import read_outcome, read_tasks
 from spoofbench.runner import run
 from spoofbench.runner.blind import BlindReader, BlindWriter
-from spoofbench.suite import AttackEntry, DetectorEntry, Limits, RecordingEntry, Suite
+from spoofbench.suite import AttackEntry, DetectorEntry, RecordingEntry, Suite, TaskLimits
 from spoofbench.testing.recordings import drive, spoofed_drive
 
 MakeSuite = Callable[..., Suite]
@@ -36,7 +36,7 @@ def spy_on(
         [AttackEntry("telling-attack", "nudge")],
         name="telling-suite",
         seeds=(987654321987,),
-        limits=Limits(time_s=120.0, memory_mb=1024),
+        limits=TaskLimits(time_s=120.0, memory_mb=1024),
     )
     entry = RecordingEntry("telling-recording", copy, "telling-session")
     run(replace(suite, recordings=(entry,)), folder / "telling-results")

@@ -22,7 +22,7 @@ from spoofbench.plugins import Plugin
 from spoofbench.recording import Interval
 from spoofbench.runner import identity
 from spoofbench.runner.plan import ConfiguredPlugin, PlannedTask, RecordingInfo, plan
-from spoofbench.suite import AttackEntry, DetectorEntry, Limits, RecordingEntry, Suite
+from spoofbench.suite import AttackEntry, DetectorEntry, RecordingEntry, Suite, TaskLimits
 
 UNTIMED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 DIGESTS = st.sampled_from("0123456789abcdef").map(lambda letter: letter * 64)
@@ -84,7 +84,7 @@ def planned(given: dict[str, Any]) -> tuple[PlannedTask, PlannedTask]:
         given["detector version"],
     )
     recording = RecordingEntry(given["recording"], Path("any.mcap"), "any")
-    limits = Limits(given["time_s"], given["memory_mb"])
+    limits = TaskLimits(given["time_s"], given["memory_mb"])
     entries: dict[str, Any] = {
         "recordings": (recording,),
         "attacks": (attack.entry,),
@@ -189,7 +189,7 @@ def test_why_a_recording_is_unreadable_is_an_input() -> None:
         0.0,
         1.0,
         1.0,
-        Limits(),
+        TaskLimits(),
         (RecordingEntry("r", Path("any"), "r"),),
         (),
         (DetectorEntry("d", "d"),),

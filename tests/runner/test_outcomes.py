@@ -18,7 +18,7 @@ from spoofbench.errors import PluginError, ResultsError, SuiteError
 from spoofbench.recording import Recording
 from spoofbench.results import Task, read_outcome, read_parquet, read_tasks, read_truth
 from spoofbench.runner import run
-from spoofbench.suite import AttackEntry, DetectorEntry, Limits, Suite
+from spoofbench.suite import AttackEntry, DetectorEntry, Suite, TaskLimits
 
 MakeSuite = Callable[..., Suite]
 HOSTILE = ("raises", "sleeps", "eats", "exits", "segfaults", "garbage", "unimportable", "scribbles")
@@ -50,7 +50,7 @@ def hostile(make_suite: MakeSuite, tmp_path_factory: pytest.TempPathFactory) -> 
     before, after = DetectorEntry("steady-first", "steady"), DetectorEntry("steady-last", "steady")
     suite = make_suite(
         [before, *HOSTILE, "prints", "hungry", strays, after],
-        limits=Limits(time_s=3.0, memory_mb=256),
+        limits=TaskLimits(time_s=3.0, memory_mb=256),
     )
     run(suite, folder / "results", workers=2)
     return folder / "results"
@@ -231,7 +231,7 @@ def test_the_memory_limit_is_the_detector_s_own(
         DetectorEntry(f"hungry-{mb}", "hungry", {"memory_mb": mb})
         for mb in (memory_mb - 64, memory_mb + 64)
     )
-    run(make_suite([fits, not_quite], [], limits=Limits(20.0, memory_mb)), tmp_path / "results")
+    run(make_suite([fits, not_quite], [], limits=TaskLimits(20.0, memory_mb)), tmp_path / "results")
     assert rows(tmp_path / "results", fits.id) == {("ok", None)}
     assert rows(tmp_path / "results", not_quite.id) == {
         ("out_of_memory", f"it needs more than {memory_mb} MB")
