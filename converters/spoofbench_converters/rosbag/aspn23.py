@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Block, Columns, Reject, Rejects, SourceMetadata
 from spoofbench.conversion.rows import take
-from spoofbench_converters.rosbag import attitude
 from spoofbench_converters.rosbag.definitions import Definitions, parse
 from spoofbench_converters.rosbag.family import Options, Refusal, in_bag_order, refused
 from spoofbench_converters.rosbag.layouts import Group
+from spoofbench_converters.rosbag.rows import ImuStream, PvaStream, PvtStream
 from spoofbench_converters.rosbag.slabs import Payloads, Topic
-from spoofbench_converters.rosbag.streams import ImuStream, PvaStream, PvtStream
 
 _PACKAGE = "aspn23_ros_interfaces/msg/"
 IMU, POSITION, VELOCITY, PVA = (
@@ -166,9 +165,7 @@ class Aspn23:
             )
             self._note(topic, "attitude", enu)
             columns |= _position(rows, ("p1", "p2", "p3")) | _velocity(rows, ("v1", "v2", "v3"))
-            columns |= attitude.roll_pitch_yaw(
-                attitude.enu_to_ned(rows["quaternion"]) if enu else rows["quaternion"]
-            )
+            columns |= roll_pitch_yaw(enu_to_ned(rows["quaternion"]) if enu else rows["quaternion"])
         values = [columns[name] for name in columns if name in ("lat_deg", "lon_deg")]
         if values:
             refusals.append(
@@ -274,3 +271,39 @@ def degrees(radians: NDArray[Any]) -> NDArray[np.float64]:
     exact = np.rad2deg(radians.astype(np.float64))
     decimal = np.round(exact, 9)
     return np.where(np.deg2rad(decimal) == radians, decimal, exact)
+
+
+_NORM_TOLERANCE = 1e-3
+
+
+def enu_to_ned(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return NED to forward-right-down of ENU to right-forward-up, both ``(n, 4)`` as (a, b, c, d),
+    a the scalar.
+
+    Both frames swap their first two axes and turn their third round: (a, b, c, d) becomes (a, c, b,
+    -d).
+    """
+    return np.asarray(quaternion[:, [0, 2, 1, 3]] * np.array([1.0, 1.0, 1.0, -1.0]))
+
+
+def roll_pitch_yaw(quaternion: NDArray[np.float64]) -> Columns:
+    """Return ``roll_deg pitch_deg yaw_deg`` of quaternions ``(n, 4)`` that turn NED into the body
+    frame.
+
+    Yaw, then pitch, then roll (Groves, Principles of GNSS, Inertial, and Multisensor Integrated
+    Navigation Systems, 2nd ed., 2013, section 2.2); yaw from 0 to 360. Absent where the norm is not
+    1.
+    """
+    norm = np.linalg.norm(quaternion, axis=1)
+    proper = np.abs(norm - 1) < _NORM_TOLERANCE
+    a, b, c, d = np.divide(
+        quaternion.T, norm, out=np.full(quaternion.T.shape, np.nan), where=proper
+    )
+    roll = np.arctan2(2 * (a * b + c * d), 1 - 2 * (b * b + c * c))
+    pitch = np.arcsin(np.clip(2 * (a * c - b * d), -1, 1))
+    yaw = np.arctan2(2 * (a * d + b * c), 1 - 2 * (c * c + d * d))
+    return {
+        "roll_deg": np.rad2deg(roll),
+        "pitch_deg": np.rad2deg(pitch),
+        "yaw_deg": np.rad2deg(yaw) % 360,
+    }

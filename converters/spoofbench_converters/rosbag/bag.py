@@ -11,8 +11,8 @@ from spoofbench.conversion import Reject
 from spoofbench.errors import ConversionError, SpoofbenchError
 from spoofbench_converters.rosbag import mcap_log, ros1_log, sqlite_log
 from spoofbench_converters.rosbag.locating import Location, Named, is_plain
-from spoofbench_converters.rosbag.packed import unpacked_messages
 from spoofbench_converters.rosbag.slabs import Log, Slab, Topic
+from spoofbench_converters.rosbag.unpacking import unpacked_messages
 
 _HEAD_BYTES = 4096
 _COPIED_BYTES = 1 << 20

@@ -8,6 +8,7 @@ from typing import Any
 from spoofbench.conversion import Item, Reject, SourceMetadata
 from spoofbench.errors import ConversionError
 from spoofbench_converters.rosbag import aspn23, definitions, mapped, slabs
+from spoofbench_converters.rosbag.clocks import Steps
 from spoofbench_converters.rosbag.definitions import Definitions
 from spoofbench_converters.rosbag.family import Options, Session
 from spoofbench_converters.rosbag.layouts import ENCODINGS, Decoder
@@ -16,7 +17,6 @@ from spoofbench_converters.rosbag.planning import NOT_ASKED, plan
 from spoofbench_converters.rosbag.sensors import Sensors
 from spoofbench_converters.rosbag.serial import SENTENCE, TYPES, open_serial
 from spoofbench_converters.rosbag.slabs import Payloads, Slab, Topic
-from spoofbench_converters.rosbag.steps import Steps
 
 
 class Conversion:

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spoofbench_converters.rosbag.clocks import AGREE_NS, DAY_NS, Meter, decide
+from spoofbench_converters.rosbag.clocks import AGREE_NS, DAY_NS, Meter, Steps, decide
 from spoofbench_converters.rosbag.slabs import Payloads
-from spoofbench_converters.rosbag.steps import Steps
 
 Convert = Callable[..., Any]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spoofbench_converters.rosbag import aspn23, attitude, rows, sqlite_log, streams
+from spoofbench_converters.rosbag import aspn23, rows, sqlite_log
 
 START_NS = 1_700_000_000_000_000_000
 SECOND_NS = 1_000_000_000
@@ -117,7 +117,7 @@ def test_a_lone_integrated_row_has_no_interval(maker: Any, convert_bag: Callable
 def test_nominal_interval(rate_hz: float, nominal_s: float) -> None:
     rng = np.random.default_rng(2)
     times = np.arange(1000) * 1e9 / rate_hz + rng.normal(0, 0.02e9 / rate_hz, 1000)
-    assert streams.nominal_interval_s({"time_ns": times.astype(np.int64)}) == pytest.approx(
+    assert rows.nominal_interval_s({"time_ns": times.astype(np.int64)}) == pytest.approx(
         nominal_s, rel=2e-3
     )
 
@@ -214,14 +214,14 @@ def test_roll_pitch_yaw_against_rotation_matrices() -> None:
     from scipy.spatial.transform import Rotation
 
     rotation = Rotation.random(200, rng=3)
-    angles = attitude.roll_pitch_yaw(np.roll(rotation.as_quat(), 1, axis=1))
+    angles = aspn23.roll_pitch_yaw(np.roll(rotation.as_quat(), 1, axis=1))
     yaw, pitch, roll = rotation.as_euler("ZYX", degrees=True).T
     assert angles["roll_deg"] == pytest.approx(roll)
     assert angles["pitch_deg"] == pytest.approx(pitch)
     assert angles["yaw_deg"] == pytest.approx(yaw % 360)
     swap = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
-    turned = attitude.roll_pitch_yaw(
-        attitude.enu_to_ned(np.roll((swap * rotation * swap.inv()).as_quat(), 1, axis=1))
+    turned = aspn23.roll_pitch_yaw(
+        aspn23.enu_to_ned(np.roll((swap * rotation * swap.inv()).as_quat(), 1, axis=1))
     )
     assert turned["yaw_deg"] == pytest.approx(yaw % 360)
     assert turned["roll_deg"] == pytest.approx(roll)
