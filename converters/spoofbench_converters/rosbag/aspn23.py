@@ -34,7 +34,9 @@ _COVARIANCE = (
 )
 _INTEGRITY = "uint8 num_integrity\nTypeIntegrity[] integrity\n"
 _DEFINITIONS = {
-    f"{_PACKAGE}TypeHeader": "uint32 vendor_id\nuint64 device_id\nuint32 context_id\nuint16 sequence_id\n",
+    f"{_PACKAGE}TypeHeader": (
+        "uint32 vendor_id\nuint64 device_id\nuint32 context_id\nuint16 sequence_id\n"
+    ),
     f"{_PACKAGE}TypeTimestamp": "int64 elapsed_nsec\n",
     f"{_PACKAGE}TypeIntegrity": "uint8 integrity_method\nfloat64 integrity_value\n",
     IMU: f"{_STAMP}uint8 imu_type\nfloat64[3] meas_accel\nfloat64[3] meas_gyro\n{_INTEGRITY}",

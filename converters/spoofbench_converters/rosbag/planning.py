@@ -197,9 +197,8 @@ def _name(device: Sequence[Topic], specs: Mapping[int, Spec], made: Plan) -> Non
         for kind in spec.kinds:
             prefix = kind.partition("/")[0]
             if prefix not in named or (prefix != "gnss" and topic is not device[0]):
-                named[prefix] = (
-                    f"{prefix}{sum(source.rstrip('0123456789') == prefix for source in made.sources)}"
-                )
+                alike = [source.rstrip("0123456789") for source in made.sources].count(prefix)
+                named[prefix] = f"{prefix}{alike}"
             about = made.sources.setdefault(named[prefix], {})
             about["topic"] = " ".join(
                 dict.fromkeys([*about.get("topic", "").split(" "), topic.name])

@@ -30,6 +30,15 @@ _MAX_HEADS = 16  # different header layouts in one chunk
 _DAMAGED = "the chunk is damaged here"
 
 _Integers = NDArray[np.int64]
+_Fields = Mapping[bytes, bytes]
+"""What a record's header holds, by name."""
+
+MESSAGE, CONNECTION = 2, 7
+START = re.compile(
+    rb"(?s)(?=..[\x00\x01]\x00.\x00\x00\x00(?:op|ver|conn|count|compression|size|time|topic|"
+    rb"chunk_pos|start_time|end_time)=)"
+)
+_U4 = struct.Struct("<I")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +46,7 @@ class _Record:
     """A record of the file: its operation, the fields of its header, and where its data are."""
 
     op: int
-    fields: Fields
+    fields: _Fields
     data_at: int
     size: int
 
@@ -180,7 +189,7 @@ class Ros1Log(ChunkedLog):
         entries = np.frombuffer(self._data(record, MAX_CHUNK_BYTES), np.uint8)
         return entries[: entries.size // 12 * 12].view("<u4")[2::3].astype(np.int64)
 
-    def _connect(self, fields: Fields, data: bytes) -> None:
+    def _connect(self, fields: _Fields, data: bytes) -> None:
         """Learn of a connection."""
         about = fields_of(data)
         number = number_of(fields, b"conn", 4)
@@ -264,18 +273,7 @@ class Ros1Log(ChunkedLog):
         ), strange
 
 
-MESSAGE, CONNECTION = 2, 7
-START = re.compile(
-    rb"(?s)(?=..[\x00\x01]\x00.\x00\x00\x00(?:op|ver|conn|count|compression|size|time|topic|chunk_pos|start_time|end_time)=)"
-)
-_U4 = struct.Struct("<I")
-
-
-Fields = Mapping[bytes, bytes]
-"""Values by name, of a header."""
-
-
-def is_message(fields: Fields) -> bool:
+def is_message(fields: _Fields) -> bool:
     return (
         fields.get(b"op") == bytes([MESSAGE])
         and len(fields.get(b"conn", b"")) == 4
@@ -283,7 +281,7 @@ def is_message(fields: Fields) -> bool:
     )
 
 
-def fields_of(header: bytes) -> Fields | None:
+def fields_of(header: bytes) -> _Fields | None:
     """Return the fields of a header, None where it is none."""
     fields, at = {}, 0
     while at < len(header):
@@ -298,7 +296,7 @@ def fields_of(header: bytes) -> Fields | None:
     return fields
 
 
-def number_of(fields: Fields, name: bytes, size: int) -> int | None:
+def number_of(fields: _Fields, name: bytes, size: int) -> int | None:
     value = fields.get(name, b"")
     return int.from_bytes(value, "little") if len(value) == size else None
 

@@ -17,7 +17,7 @@ from spoofbench_converters.rosbag.fields import Fields
 from spoofbench_converters.rosbag.layouts import Group
 from spoofbench_converters.rosbag.messages import Spec
 from spoofbench_converters.rosbag.planning import Plan
-from spoofbench_converters.rosbag.rows import PairStream, RowStream
+from spoofbench_converters.rosbag.rows import PairStream, RowStream, batch
 from spoofbench_converters.rosbag.slabs import Payloads, Topic
 
 _SETTLED_MESSAGES = 256  # of each device, before the clocks are decided
@@ -157,7 +157,7 @@ class Sensors:
             rows["time_ns"] = device.clock.time_ns(stamps, received)
             counted = has_stamp & (rows["units"] > 0)
             device.meter.add(stamps[counted], received[counted])
-            yield from stream.push(side, rows)
+            yield from stream.push(side, batch(stream.kind, rows))
 
 
 def _times(device: _Device) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -13,8 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench.conversion import Block, Columns, Reject, Rejects, SourceMetadata
-from spoofbench.table import Column
+from spoofbench.arrays import Times
+from spoofbench.conversion import Block, Reject, Rejects, RowBatch, SourceMetadata
 from spoofbench_converters.rosbag import slabs
 from spoofbench_converters.rosbag.layouts import Group
 from spoofbench_converters.rosbag.rows import RowStream
@@ -158,12 +158,9 @@ class Serial:
             units = np.zeros(decoded.epoch.size, np.int64)
             units[first] = left[decoded.epoch[first]]
             left[decoded.epoch] = 0
-            rows = {
-                **_columns(decoded),
-                **_times(decoded, epochs),
-                "record": epochs.offset[decoded.epoch],
-                "units": units,
-            }
+            time_ns, received = _times(decoded, epochs)
+            columns: dict[str, Any] = {**decoded.columns, "receive_time_ns": received}
+            rows = RowBatch.of(decoded.kind, time_ns, columns, epochs.offset[decoded.epoch], units)
             source = self._source(decoded.source)
             stream = self._streams.setdefault(
                 (source, decoded.kind), RowStream(source, decoded.kind)
@@ -270,23 +267,10 @@ def _in_bag_order(parts: Sequence[_Frames]) -> _Frames:
     )
 
 
-def _columns(rows: EpochRows) -> Columns:
-    """Return decoded columns as arrays, NaN or None where absent."""
-    columns: Columns = {}
-    for name, given in rows.columns.items():
-        column = given if isinstance(given, Column) else Column(np.asarray(given))
-        if column.words is not None:
-            words = np.array([*column.words, None], object)
-            columns[name] = words[column.values]
-        elif column.valid is None:
-            columns[name] = column.values
-        else:
-            columns[name] = np.where(column.valid, column.values.astype(np.float64), np.nan)
-    return columns
-
-
-def _times(rows: EpochRows, epochs: Epochs) -> Columns:
-    """Return the rows' times: the recorder's of their epoch, of sampled messages their own."""
+def _times(rows: EpochRows, epochs: Epochs) -> tuple[Times, Times]:
+    """Return the rows' times and when they were received: the recorder's of their epoch, of sampled
+    messages their own.
+    """
     of_epoch = epochs.receive_time_ns[rows.epoch]
     received = of_epoch if rows.receive_time_ns is None else rows.receive_time_ns
     times = (
@@ -294,4 +278,4 @@ def _times(rows: EpochRows, epochs: Epochs) -> Columns:
         if rows.tick_ns is not None
         else of_epoch + (0 if rows.offset_ns is None else rows.offset_ns)
     )
-    return {"time_ns": times, "receive_time_ns": received}
+    return times, received

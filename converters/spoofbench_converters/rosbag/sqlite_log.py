@@ -42,8 +42,13 @@ _TOPICS = (
 )
 _DEFINITIONS = "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
 _MAX_TOPICS = 4096
-_MESSAGES = """SELECT id, CASE typeof(topic_id) WHEN 'integer' THEN topic_id END, CASE typeof(timestamp) WHEN 'integer' THEN timestamp END,
-    CASE WHEN topic_id IN ({wanted}) AND typeof(data) = 'blob' THEN data END FROM messages WHERE id > ? ORDER BY id"""
+_MESSAGES = """
+SELECT id,
+    CASE typeof(topic_id) WHEN 'integer' THEN topic_id END,
+    CASE typeof(timestamp) WHEN 'integer' THEN timestamp END,
+    CASE WHEN topic_id IN ({wanted}) AND typeof(data) = 'blob' THEN data END
+FROM messages WHERE id > ? ORDER BY id
+"""
 
 _Row = tuple[Any, ...]
 

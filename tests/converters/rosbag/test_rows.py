@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from spoofbench_converters.rosbag import aspn23, rows, sqlite_log
 
+from spoofbench.conversion import RowBatch
+
 START_NS = 1_700_000_000_000_000_000
 SECOND_NS = 1_000_000_000
 EPOCHS = "/gnss0/gnss/pvt"
@@ -81,18 +83,21 @@ def test_a_lone_side_is_kept(maker: Any, convert_bag: Callable[..., Any]) -> Non
 
 
 def test_rows_of_equal_time_pair_by_their_order() -> None:
-    def side(name: str, times: list[int]) -> dict[str, Any]:
-        return {
+    def side(name: str, times: list[int]) -> RowBatch:
+        columns = {
             "time_ns": np.array(times),
             "receive_time_ns": np.array(times) + 5,
             "record": np.arange(len(times)),
             name: np.array(times) * 1.0,
         }
+        return rows.batch("gnss/pvt", columns)
 
-    joined = rows.outer_join(side("a", [1, 2, 2, 3]), side("b", [2, 2, 4]))
-    assert joined["time_ns"].tolist() == [1, 2, 2, 3, 4]
-    assert np.isnan(joined["a"]).tolist() == [False, False, False, False, True]
-    assert np.isnan(joined["b"]).tolist() == [True, False, False, True, False]
+    joined = rows.outer_join(side("lat_deg", [1, 2, 2, 3]), side("vel_n_mps", [2, 2, 4]))
+    assert joined.time_ns.tolist() == [1, 2, 2, 3, 4]
+    absent = {name: np.isnan(column.values).tolist() for name, column in joined.columns.items()}
+    assert absent["lat_deg"] == [False, False, False, False, True]
+    assert absent["vel_n_mps"] == [True, False, False, True, False]
+    assert joined.units.tolist() == [1, 2, 2, 1, 1]
 
 
 def test_sampled_rows_stay_as_they_are(maker: Any, convert_bag: Callable[..., Any]) -> None:
@@ -117,9 +122,7 @@ def test_a_lone_integrated_row_has_no_interval(maker: Any, convert_bag: Callable
 def test_nominal_interval(rate_hz: float, nominal_s: float) -> None:
     rng = np.random.default_rng(2)
     times = np.arange(1000) * 1e9 / rate_hz + rng.normal(0, 0.02e9 / rate_hz, 1000)
-    assert rows.nominal_interval_s({"time_ns": times.astype(np.int64)}) == pytest.approx(
-        nominal_s, rel=2e-3
-    )
+    assert rows.nominal_interval_s(times.astype(np.int64)) == pytest.approx(nominal_s, rel=2e-3)
 
 
 @pytest.mark.parametrize(
