@@ -18,7 +18,10 @@ LOAD_ALL = """
 import json
 from spoofbench import plugins
 groups = (plugins.CONVERTERS, plugins.ATTACKS, plugins.DETECTORS, plugins.COMMANDS)
-found = {group: {name: plugin.distribution for name, plugin in plugins.found(group).items()} for group in groups}
+found = {
+    group: {name: plugin.distribution for name, plugin in plugins.found(group).items()}
+    for group in groups
+}
 for group in groups:
     for plugin in plugins.found(group).values():
         plugin.load()

@@ -39,7 +39,8 @@ def table(entries: Sequence[Entry]) -> Iterator[str]:
         unexplained = sum(not d["explanation"] for d in said)
         name = one["file"].rpartition("/")[2]
         name = name if len(name) <= 33 else name[:30] + "..."
-        yield f"{name:<34}{ours['format']:<8}{rows:>9,}{skipped:>9}{ours['seconds']:>6.2f}{len(said):>8}{unexplained:>5}"
+        counts = f"{rows:>9,}{skipped:>9}{ours['seconds']:>6.2f}{len(said):>8}{unexplained:>5}"
+        yield f"{name:<34}{ours['format']:<8}{counts}"
 
 
 def summary(entries: Sequence[Entry], agreements: Sequence[gpsd.Agreement]) -> Iterator[str]:

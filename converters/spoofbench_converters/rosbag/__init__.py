@@ -12,9 +12,9 @@ from typing import Literal
 
 from spoofbench.conversion import Item, Reject, SizeHint, Source, SourceMetadata
 from spoofbench_converters.rosbag.bag import Bag
+from spoofbench_converters.rosbag.contract import Options
 from spoofbench_converters.rosbag.conversion import Conversion
-from spoofbench_converters.rosbag.family import Options
-from spoofbench_converters.rosbag.locating import locate, surety
+from spoofbench_converters.rosbag.locating import confidence, locate
 
 __all__ = ["UNIT", "VERSION", "Options", "convert", "sniff"]
 
@@ -26,7 +26,7 @@ def sniff(source: Source) -> float:
     """Return 1 for a bag of any kind, less for an archive with one or an MCAP file of unsaid origin
     with ROS messages, else 0.
     """
-    return surety(source)
+    return confidence(source)
 
 
 def convert(source: Source, options: Options) -> Iterator[Item]:
@@ -35,7 +35,7 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
     try:
         conversion = Conversion(log.topics, options)
         yield SizeHint(log.expected)
-        for item in log.slabs(conversion.wanted):
+        for item in log.batches(conversion.wanted):
             if isinstance(item, Reject):
                 yield item
             else:

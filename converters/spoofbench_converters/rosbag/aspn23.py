@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Block, Columns, Reject, Rejects, SourceMetadata
 from spoofbench.conversion.rows import take
+from spoofbench_converters.rosbag.batches import BagTopic, TopicMessages
+from spoofbench_converters.rosbag.contract import Options, Refusal, in_bag_order, refused
 from spoofbench_converters.rosbag.definitions import Definitions, parse
-from spoofbench_converters.rosbag.family import Options, Refusal, in_bag_order, refused
 from spoofbench_converters.rosbag.layouts import Group
 from spoofbench_converters.rosbag.rows import ImuStream, PvaStream, PvtStream
-from spoofbench_converters.rosbag.slabs import Payloads, Topic
 
 _PACKAGE = "aspn23_ros_interfaces/msg/"
 IMU, POSITION, VELOCITY, PVA = (
@@ -82,7 +82,7 @@ def definitions() -> Definitions:
     return parsed
 
 
-def open(topics: Sequence[Topic], options: Options) -> "Aspn23":  # noqa: A001 - the family's word
+def open(topics: Sequence[BagTopic], options: Options) -> "Aspn23":  # noqa: A001 - the family's word
     """Return a session for these topics."""
     return Aspn23(topics, options)
 
@@ -94,7 +94,7 @@ class Aspn23:
     device are one GNSS receiver.
     """
 
-    def __init__(self, topics: Sequence[Topic], options: Options) -> None:
+    def __init__(self, topics: Sequence[BagTopic], options: Options) -> None:
         self._options = options
         self._quirks: dict[str, set[str]] = {}
         self._streams: dict[str, ImuStream | PvtStream | PvaStream] = {}
@@ -120,16 +120,16 @@ class Aspn23:
             self._streams[reference] = PvaStream("", reference)
 
     def take(
-        self, topic: Topic, groups: Sequence[Group], payloads: Payloads
+        self, topic: BagTopic, groups: Sequence[Group], messages: TopicMessages
     ) -> Iterator[Block | Reject | Rejects]:
-        """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        """See :class:`spoofbench_converters.rosbag.contract.MessageReader`."""
         pieces = []
         for group in groups:
             columns, refusals = self._columns(topic, group.rows)
-            columns["time_ns"] = payloads.appended(columns["time_ns"], group.index)
+            columns["time_ns"] = messages.appended(columns["time_ns"], group.index)
             columns |= {
-                "record": payloads.records[group.index],
-                "receive_time_ns": payloads.stamps_ns[group.index],
+                "record": messages.records[group.index],
+                "receive_time_ns": messages.stamps_ns[group.index],
             }
             if self._options.time == "recorder":
                 columns["time_ns"] = columns["receive_time_ns"]
@@ -139,7 +139,7 @@ class Aspn23:
         if pieces:
             yield from self._streams[topic.name].push(topic.name, in_bag_order(pieces))
 
-    def _columns(self, topic: Topic, rows: NDArray[Any]) -> tuple[Columns, Sequence[Refusal]]:
+    def _columns(self, topic: BagTopic, rows: NDArray[Any]) -> tuple[Columns, Sequence[Refusal]]:
         """Return what messages of one layout say; the columns of a topic are the same for all
         layouts.
         """
@@ -179,13 +179,13 @@ class Aspn23:
         return columns, refusals
 
     def settle(self) -> Iterator[Block | Reject | Rejects]:
-        """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        """See :class:`spoofbench_converters.rosbag.contract.MessageReader`."""
         for stream in dict.fromkeys(self._streams.values()):
             if isinstance(stream, PvtStream):
                 yield from stream.settle()
 
     def finish(self) -> Iterator[Block | Reject | Rejects | SourceMetadata]:
-        """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        """See :class:`spoofbench_converters.rosbag.contract.MessageReader`."""
         about: dict[str, dict[str, str]] = {}
         for stream in dict.fromkeys(self._streams.values()):
             yield from stream.finish()
@@ -200,7 +200,7 @@ class Aspn23:
             recording["session_id"] = self._options.session
         yield SourceMetadata({**about, "recording": recording})
 
-    def _note(self, topic: Topic, quirk: str, applies: bool) -> None:
+    def _note(self, topic: BagTopic, quirk: str, applies: bool) -> None:
         if applies:
             self._quirks.setdefault(topic.name, set()).add(quirk)
 
@@ -210,11 +210,11 @@ def device(topic: str) -> str:
     return topic.rpartition("/")[0] or topic
 
 
-def _receivers(topics: Sequence[Topic]) -> list[list[Topic]]:
+def _receivers(topics: Sequence[BagTopic]) -> list[list[BagTopic]]:
     """Return the topics of each GNSS receiver: one of each type for one device, or else each topic
     alone.
     """
-    devices: dict[str, list[Topic]] = {}
+    devices: dict[str, list[BagTopic]] = {}
     for topic in topics:
         if topic.type in _SIDES:
             devices.setdefault(device(topic.name), []).append(topic)

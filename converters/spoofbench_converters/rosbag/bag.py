@@ -10,8 +10,8 @@ from typing import IO, Any
 from spoofbench.conversion import Reject
 from spoofbench.errors import ConversionError, SpoofbenchError
 from spoofbench_converters.rosbag import mcap_log, ros1_log, sqlite_log
+from spoofbench_converters.rosbag.batches import BagTopic, MessageBatch, MessageLog
 from spoofbench_converters.rosbag.locating import Location, Named, is_plain
-from spoofbench_converters.rosbag.slabs import Log, Slab, Topic
 from spoofbench_converters.rosbag.unpacking import unpacked_messages
 
 _HEAD_BYTES = 4096
@@ -39,7 +39,7 @@ class Bag:
         self._numbers: dict[tuple[str, str, str, str], int] = {}
         self._failures: dict[int, str] = {}
         self._open: _File | None = None
-        topics: list[Topic] = []
+        topics: list[BagTopic] = []
         for place, named in enumerate(location.files):
             try:
                 file = _File(named)
@@ -55,9 +55,9 @@ class Bag:
                 file.close()
         if len(self._failures) == len(location.files):
             raise ConversionError(next(iter(self._failures.values())))
-        self.topics: Sequence[Topic] = tuple({topic.number: topic for topic in topics}.values())
+        self.topics: Sequence[BagTopic] = tuple({topic.number: topic for topic in topics}.values())
 
-    def _number(self, topic: Topic) -> Topic:
+    def _number(self, topic: BagTopic) -> BagTopic:
         key = (topic.name, topic.type, topic.encoding, topic.definition)
         return replace(topic, number=self._numbers.setdefault(key, len(self._numbers)))
 
@@ -66,7 +66,7 @@ class Bag:
         if self._open is not None:
             self._open.close()
 
-    def slabs(self, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
+    def batches(self, wanted: frozenset[int]) -> Iterator[MessageBatch | Reject]:
         """Yield all messages in bag order; of the topics that are not wanted, only how many there
         are.
         """
@@ -81,15 +81,17 @@ class Bag:
                 self.records += count
                 continue
             file = self._open = self._open or _File(named)
-            yield from self._slabs_of(file.log, wanted)
+            yield from self._batches_of(file.log, wanted)
             self.unverified += file.log.unverified
             file.close()
             self._open = None
 
-    def _slabs_of(self, log: Log, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
+    def _batches_of(
+        self, log: MessageLog, wanted: frozenset[int]
+    ) -> Iterator[MessageBatch | Reject]:
         base = self.records
         numbers = {topic.number: self._number(topic).number for topic in log.topics}
-        for item in log.slabs(
+        for item in log.batches(
             frozenset(number for number, mine in numbers.items() if mine in wanted)
         ):
             if isinstance(item, Reject):
@@ -100,27 +102,27 @@ class Bag:
         self.records = base + log.records
 
 
-def _renumbered(slab: Slab, numbers: Mapping[int, int], base: int) -> Slab:
-    """Return a file's slab as one of the bag: topics by their numbers there, records after those of
-    the files before.
+def _renumbered(batch: MessageBatch, numbers: Mapping[int, int], base: int) -> MessageBatch:
+    """Return a file's batch as one of the bag: its topics by their numbers there, its records after
+    those of the files before.
     """
     if not base and all(number == mine for number, mine in numbers.items()):
-        return slab
+        return batch
     wanted = {
-        numbers[number]: replace(payloads, records=payloads.records + base)
-        for number, payloads in slab.wanted.items()
+        numbers[number]: replace(messages, records=messages.records + base)
+        for number, messages in batch.wanted.items()
     }
     others = {
         numbers.get(number, -1 - number): (count, first + base)
-        for number, (count, first) in slab.others.items()
+        for number, (count, first) in batch.others.items()
     }
     rejects = [
         replace(reject, offset=reject.offset + base)
         if isinstance(reject, Reject)
         else replace(reject, offsets=reject.offsets + base)
-        for reject in slab.rejects
+        for reject in batch.rejects
     ]
-    return Slab(wanted, others, rejects)
+    return MessageBatch(wanted, others, rejects)
 
 
 class _File:
@@ -147,7 +149,7 @@ class _File:
                 )
             path = file.path if is_plain(file, head[:16]) else self._unpacked(head, stream)
         try:
-            self.log: Log = kind(path)
+            self.log: MessageLog = kind(path)
         except BaseException:
             self._remove()
             raise

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spoofbench_converters.rosbag.slabs import Payloads
+from spoofbench_converters.rosbag.batches import TopicMessages
 
 AGREE_NS = 1_000_000_000
 DAY_NS = 86_400_000_000_000
@@ -32,7 +32,7 @@ _Times = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
+class DeviceClock:
     """How a device's rows get their time.
 
     Attributes:
@@ -50,7 +50,7 @@ class Clock:
         return (stamps_ns if self.by_header else received_ns) + self.shift_ns
 
 
-def decide(seen: Mapping[str, tuple[_Times, _Times]]) -> tuple[Mapping[str, Clock], int]:
+def decide(seen: Mapping[str, tuple[_Times, _Times]]) -> tuple[Mapping[str, DeviceClock], int]:
     """Return each device's clock, and how far the recording's clock is ahead of the recorder's.
 
     It is the recorder's, unless two devices or more agree with each other within 1 s and none with
@@ -77,11 +77,11 @@ def decide(seen: Mapping[str, tuple[_Times, _Times]]) -> tuple[Mapping[str, Cloc
         if trouble is None and abs(off_ns) > DAY_NS:
             trouble = "the header's stamps are more than a day away from the recorder's"
         if trouble is not None:
-            clocks[name] = Clock(False, ahead_ns, f"recorder's stamps, for {trouble}")
+            clocks[name] = DeviceClock(False, ahead_ns, f"recorder's stamps, for {trouble}")
         elif abs(off_ns) <= AGREE_NS:
-            clocks[name] = Clock(True, 0, "header's stamps")
+            clocks[name] = DeviceClock(True, 0, "header's stamps")
         else:
-            clocks[name] = Clock(
+            clocks[name] = DeviceClock(
                 True,
                 -off_ns,
                 (
@@ -110,7 +110,7 @@ def _trouble(stamps: _Times, received: _Times) -> str | None:
     return None
 
 
-class Meter:
+class OffsetMeter:
     """Measures a device's stamps against the recorder's, on a bounded number of messages spread
     over the bag.
     """
@@ -158,7 +158,7 @@ MAX_STEPS = 1000
 _WINDOW_NS = 1_000_000_000  # as of TimeSorter: less is sorted in
 
 
-class Steps:
+class ClockSteps:
     """Finds the jumps back of the recorder's stamps over all topics, in the bag's order; a lone
     stamp that leaps ahead makes none.
     """
@@ -172,11 +172,11 @@ class Steps:
         self._interval_ns = self._appended_ns = self._count = 0
         self._steps: list[dict[str, int]] = []
 
-    def take(self, wanted: Mapping[int, Payloads]) -> dict[int, Payloads]:
-        """Return a slab's messages by number of the topic, put forward where that is asked for."""
+    def take(self, wanted: Mapping[int, TopicMessages]) -> dict[int, TopicMessages]:
+        """Return a batch's messages by number of the topic, put forward where that is asked for."""
         if not wanted:
             return {}
-        records = np.concatenate([payloads.records for payloads in wanted.values()])
+        records = np.concatenate([messages.records for messages in wanted.values()])
         order = np.argsort(records, kind="stable")
         records, known = records[order], len(self._last)
         stamps = np.concatenate(
@@ -202,8 +202,8 @@ class Steps:
         if not self._append or not appended.any():
             return dict(wanted)
         added = {
-            number: appended[known:][np.searchsorted(records, payloads.records)]
-            for number, payloads in wanted.items()
+            number: appended[known:][np.searchsorted(records, messages.records)]
+            for number, messages in wanted.items()
         }
         return {
             number: replace(

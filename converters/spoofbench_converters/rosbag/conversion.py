@@ -7,22 +7,22 @@ from typing import Any
 
 from spoofbench.conversion import Item, Reject, SourceMetadata
 from spoofbench.errors import ConversionError
-from spoofbench_converters.rosbag import aspn23, definitions, mapped, slabs
-from spoofbench_converters.rosbag.clocks import Steps
+from spoofbench_converters.rosbag import aspn23, batches, definitions, mapped
+from spoofbench_converters.rosbag.batches import BagTopic, MessageBatch, TopicMessages
+from spoofbench_converters.rosbag.clocks import ClockSteps
+from spoofbench_converters.rosbag.contract import MessageReader, Options
 from spoofbench_converters.rosbag.definitions import Definitions
-from spoofbench_converters.rosbag.family import Options, Session
 from spoofbench_converters.rosbag.layouts import ENCODINGS, Decoder
 from spoofbench_converters.rosbag.messages import STANDARD, Spec
 from spoofbench_converters.rosbag.planning import NOT_ASKED, plan
 from spoofbench_converters.rosbag.sensors import Sensors
 from spoofbench_converters.rosbag.serial import SENTENCE, TYPES, open_serial
-from spoofbench_converters.rosbag.slabs import Payloads, Slab, Topic
 
 
 class Conversion:
     """Takes a bag's messages, and hands each topic's to the session that has it."""
 
-    def __init__(self, topics: Sequence[Topic], options: Options) -> None:
+    def __init__(self, topics: Sequence[BagTopic], options: Options) -> None:
         """Give the topics to sessions.
 
         Raises:
@@ -35,11 +35,11 @@ class Conversion:
                 f"{sorted(topic.name for topic in topics)[:30]}"
             )
         self._topics = {topic.number: topic for topic in topics}
-        self._sessions: dict[int, Session] = {}
+        self._sessions: dict[int, MessageReader] = {}
         self._decoders: dict[int, Decoder] = {}
         self._declined: dict[int, str] = {}
         self._unknown: dict[int, tuple[int, int]] = {}
-        self._steps = Steps(options.append_clock)
+        self._steps = ClockSteps(options.append_clock)
         readable = [topic for topic in topics if topic.encoding in ENCODINGS]
         given = (
             {}
@@ -64,7 +64,7 @@ class Conversion:
             [topic for topic in readable if topic not in mine], types, options.mapping
         )
         planned = plan(readable, specs, options)
-        if planned.outlets:
+        if planned.outputs:
             sensors = Sensors(planned, specs, options)
             self._sessions |= dict.fromkeys(sensors.numbers, sensors)
         self._declined |= planned.declined
@@ -89,14 +89,14 @@ class Conversion:
         """Numbers of the topics that are understood."""
         return frozenset(self._sessions)
 
-    def take(self, slab: Slab) -> Iterator[Item]:
-        """Yield what a slab's messages say."""
-        yield from slab.rejects
-        for number, payloads in sorted(self._steps.take(slab.wanted).items()):
-            yield from self._messages(self._topics[number], payloads)
+    def take(self, batch: MessageBatch) -> Iterator[Item]:
+        """Yield what a batch's messages say."""
+        yield from batch.rejects
+        for number, messages in sorted(self._steps.take(batch.wanted).items()):
+            yield from self._messages(self._topics[number], messages)
         for session in dict.fromkeys(self._sessions.values()):
             yield from session.settle()
-        for number, (count, first) in slab.others.items():
+        for number, (count, first) in batch.others.items():
             before, first = self._unknown.get(number, (0, first))
             self._unknown[number] = (before + count, first)
 
@@ -123,20 +123,20 @@ class Conversion:
             )
         return f"topic {topic.name!r} of type {topic.type!r} ({topic.encoding}) is not understood"
 
-    def _messages(self, topic: Topic, payloads: Payloads) -> Iterator[Item]:
+    def _messages(self, topic: BagTopic, messages: TopicMessages) -> Iterator[Item]:
         """Decode one topic's messages and hand them over."""
         groups, failures = self._decoders[topic.number].decode(
-            payloads.octets, payloads.starts, payloads.lengths
+            messages.octets, messages.starts, messages.lengths
         )
         by_reason: dict[str, list[int]] = {}
         for place, reason in failures:
             by_reason.setdefault(reason, []).append(place)
         for reason, places in by_reason.items():
-            yield slabs.rejects(payloads.records[places], f"{topic.name}: {reason}")
-        yield from self._sessions[topic.number].take(topic, groups, payloads)
+            yield batches.rejects(messages.records[places], f"{topic.name}: {reason}")
+        yield from self._sessions[topic.number].take(topic, groups, messages)
 
 
-def _types_of(topic: Topic, given: Definitions) -> Definitions:
+def _types_of(topic: BagTopic, given: Definitions) -> Definitions:
     """Return the definitions for a topic: the user's, else the bag's, else those that are known
     here, else those of ROS.
     """

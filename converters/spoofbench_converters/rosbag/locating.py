@@ -46,14 +46,14 @@ class Location:
     declared: int = 0
 
 
-def surety(source: Source) -> float:
+def confidence(source: Source) -> float:
     """Return 1 for a bag of any kind by its content, less for an MCAP file of nobody in particular,
     0 for anything else.
     """
     if source.head:
         if source.is_archive:
             return float(_holds_bag(source)) * 0.9
-        return _head_surety(source)
+        return _head_confidence(source)
     return float(_holds_bag(source)) if source.path.is_dir() else 0.0
 
 
@@ -158,7 +158,7 @@ def _metadata(bag: str, member: Any) -> dict[str, Any]:
     return about
 
 
-def _head_surety(source: Source) -> float:
+def _head_confidence(source: Source) -> float:
     if source.head.startswith(b"#ROSBAG"):
         return 1.0
     if source.head.startswith(mcap_log.MAGIC):

@@ -18,11 +18,11 @@ from spoofbench.conversion import Columns
 from spoofbench.errors import ConversionError
 from spoofbench.gnss_time import GPS_EPOCH_NS, SECOND_NS, WEEK_NS, leap_seconds_at_gps
 from spoofbench.schema import KINDS
+from spoofbench_converters.rosbag.batches import BagTopic
+from spoofbench_converters.rosbag.contract import DecodedMessages, DecodedRows
 from spoofbench_converters.rosbag.definitions import Definitions
-from spoofbench_converters.rosbag.family import Part, Said
 from spoofbench_converters.rosbag.fields import Fields, Integers, paths_of
 from spoofbench_converters.rosbag.messages import EMBEDDED, Reader, Spec
-from spoofbench_converters.rosbag.slabs import Topic
 
 if TYPE_CHECKING:
     from spoofbench_converters.table.fields import FieldSpec, TimeSpec
@@ -34,7 +34,7 @@ _VELOCITIES = frozenset({"vel_n_mps", "vel_e_mps", "speed_mps"})
 
 
 def specs(
-    topics: Sequence[Topic], types: Mapping[int, Definitions], mapping: str | None
+    topics: Sequence[BagTopic], types: Mapping[int, Definitions], mapping: str | None
 ) -> dict[int, Spec]:
     """Return how topics' messages are read, by number, for those that a mapping describes or that
     hold messages of ROS.
@@ -102,7 +102,7 @@ def _ready() -> "tuple[TableMapping, ...]":
     return tuple(read_mapping(path.read_bytes(), path.name.removesuffix(".toml")) for path in paths)
 
 
-def _describes(table: "TableSpec", topic: Topic, paths: Mapping[str, str]) -> bool:
+def _describes(table: "TableSpec", topic: BagTopic, paths: Mapping[str, str]) -> bool:
     """Whether a table is of a topic's type, and the type has all the fields that it names."""
     name = topic.type.replace("/msg/", "/")
     needed = [*table.columns, *(path for path, optional in table.wanted().items() if not optional)]
@@ -140,9 +140,9 @@ def _spec(mapping: "TableMapping", table: "TableSpec", paths: Mapping[str, str])
         (path for path, base in paths.items() if base == _HEADER and "." not in path), None
     )
 
-    def read(fields: Fields) -> Said:
+    def read(fields: Fields) -> DecodedMessages:
         parts = [_part(topic, fields) for topic in table.topics]
-        return Said(parts, _stamp(table.time, header, fields))
+        return DecodedMessages(parts, _stamp(table.time, header, fields))
 
     about = {
         topic.kind: mapping.sources.get(f"source/{topic.source}", {}) for topic in table.topics
@@ -167,7 +167,7 @@ def _spec(mapping: "TableMapping", table: "TableSpec", paths: Mapping[str, str])
     )
 
 
-def _part(topic: "TopicSpec", fields: Fields) -> Part:
+def _part(topic: "TopicSpec", fields: Fields) -> DecodedRows:
     columns: Columns = {field.name: _values(field, topic.kind, fields) for field in topic.fields}
     if topic.claims is not None and topic.claims.week is not None and topic.claims.unit is not None:
         columns["gps_week"] = fields.floats(topic.claims.week)
@@ -179,8 +179,8 @@ def _part(topic: "TopicSpec", fields: Fields) -> Part:
         for path, words in conditions:
             chosen &= np.isin(_words(fields, path), words) == wanted
     if chosen.all():
-        return Part(topic.kind, columns)
-    return Part(
+        return DecodedRows(topic.kind, columns)
+    return DecodedRows(
         topic.kind,
         {name: values[chosen] for name, values in columns.items()},
         np.flatnonzero(chosen),
@@ -265,25 +265,25 @@ def _embedded(paths: Mapping[str, str]) -> Spec | None:
 
 
 def _reader(held: Mapping[str, Spec], header: str | None) -> Reader:
-    def read(fields: Fields) -> Said:
-        parts: list[Part] = []
+    def read(fields: Fields) -> DecodedMessages:
+        parts: list[DecodedRows] = []
         stamp = None if header is None else fields.stamp_ns(f"{header}.stamp")
         for path, spec in held.items():
-            said = spec.read(fields.within(path))
-            stamp = said.stamp_ns if stamp is None else stamp
+            decoded = spec.read(fields.within(path))
+            stamp = decoded.stamp_ns if stamp is None else stamp
             good = (
-                ~np.any([mask for mask, _ in said.refusals], axis=0)
-                if said.refusals
+                ~np.any([mask for mask, _ in decoded.refusals], axis=0)
+                if decoded.refusals
                 else np.ones(len(fields), bool)
             )
             parts += [
-                Part(
+                DecodedRows(
                     part.kind,
                     {name: v[good] for name, v in part.columns.items()},
                     np.flatnonzero(good),
                 )
-                for part in said.parts
+                for part in decoded.parts
             ]
-        return Said(parts, stamp)
+        return DecodedMessages(parts, stamp)
 
     return read

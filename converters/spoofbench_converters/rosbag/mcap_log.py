@@ -35,8 +35,8 @@ from spoofbench.codec.records import (
     surviving_records,
 )
 from spoofbench.errors import ConversionError, FormatError
+from spoofbench_converters.rosbag.batches import BATCH_BYTES, ChunkedLog, LostMessages, RawMessages
 from spoofbench_converters.rosbag.definitions import normal_name
-from spoofbench_converters.rosbag.slabs import SLAB_BYTES, ChunkedLog, Lost, Messages
 from spoofbench_converters.rosbag.unpacking import MAX_CHUNK_BYTES, unpack
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -66,7 +66,7 @@ class _Pending:
 
 
 class McapLog(ChunkedLog):
-    """An open file; see :class:`spoofbench_converters.rosbag.slabs.Log`."""
+    """An open file; see :class:`spoofbench_converters.rosbag.batches.MessageLog`."""
 
     def __init__(self, path: Path) -> None:
         """Open a file and learn its topics, from its summary or by reading all of it.
@@ -87,16 +87,16 @@ class McapLog(ChunkedLog):
                 pass
 
     def close(self) -> None:
-        """See :class:`spoofbench_converters.rosbag.slabs.Log`."""
+        """See :class:`spoofbench_converters.rosbag.batches.MessageLog`."""
         self._file.close()
 
-    def parts(self) -> Iterator[Messages | Lost]:
-        """See :class:`spoofbench_converters.rosbag.slabs.ChunkedLog`."""
+    def parts(self) -> Iterator[RawMessages | LostMessages]:
+        """See :class:`spoofbench_converters.rosbag.batches.ChunkedLog`."""
         self.unverified = 0
         pending: _Pending | None = None
         loose: list[tuple[int, int]] = []
         for item in self._records(len(MAGIC)):
-            opcode, at, size = (0, 0, 0) if isinstance(item, Lost) else item
+            opcode, at, size = (0, 0, 0) if isinstance(item, LostMessages) else item
             if opcode == Opcode.MESSAGE_INDEX:
                 if pending is not None:
                     pending.offsets.append(self._offsets(at, size))
@@ -104,13 +104,13 @@ class McapLog(ChunkedLog):
             if pending is not None:
                 yield from self._chunk(pending)
                 pending = None
-            if opcode == Opcode.MESSAGE and (not loose or at + size - loose[0][0] < SLAB_BYTES):
+            if opcode == Opcode.MESSAGE and (not loose or at + size - loose[0][0] < BATCH_BYTES):
                 loose.append((at, size))
                 continue
             if loose:
                 yield self._loose(loose)
                 loose = [(at, size)] if opcode == Opcode.MESSAGE else []
-            if isinstance(item, Lost):
+            if isinstance(item, LostMessages):
                 yield item
             elif opcode == Opcode.CHUNK:
                 pending = _Pending(at, size)
@@ -165,7 +165,7 @@ class McapLog(ChunkedLog):
                 self.expected = messages if messages <= _MOST_MESSAGES_PER_BYTE * self._bytes else 0
         return end == len(summary) and bool(self._channels) and len(self._channels) >= channels
 
-    def _records(self, at: int) -> Iterator[tuple[int, int, int] | Lost]:
+    def _records(self, at: int) -> Iterator[tuple[int, int, int] | LostMessages]:
         """Yield opcode, offset and size of the content of the file's records from an offset on, and
         where there is something else.
         """
@@ -192,7 +192,7 @@ class McapLog(ChunkedLog):
                 yield opcode, begin, found - begin
             else:
                 is_cut = found >= self._bytes
-                yield Lost(1, f"the bag is {'cut off' if is_cut else 'damaged'} here")
+                yield LostMessages(1, f"the bag is {'cut off' if is_cut else 'damaged'} here")
             at = found
 
     def _head(self, at: int) -> tuple[int, int]:
@@ -252,7 +252,7 @@ class McapLog(ChunkedLog):
         count = len(entries) // INDEX_ENTRY.itemsize
         return np.frombuffer(entries, INDEX_ENTRY, count)["offset"] if count else _NO_OFFSETS
 
-    def _loose(self, records: list[tuple[int, int]]) -> Messages:
+    def _loose(self, records: list[tuple[int, int]]) -> RawMessages:
         """Return messages that lie between the chunks, one after the other."""
         begin, (last, size) = records[0][0] - RECORD.size, records[-1]
         octets = np.frombuffer(self._read(begin, last + size - begin), np.uint8)
@@ -260,7 +260,7 @@ class McapLog(ChunkedLog):
             octets, np.array([at for at, _ in records], np.int64) - RECORD.size - begin
         )
 
-    def _chunk(self, pending: _Pending) -> Iterator[Messages | Lost]:
+    def _chunk(self, pending: _Pending) -> Iterator[RawMessages | LostMessages]:
         """Yield a chunk's messages, and what of it is lost."""
         declared = sum(part.size for part in pending.offsets)
         record = self._octets(
@@ -271,7 +271,7 @@ class McapLog(ChunkedLog):
         except FormatError:
             chunk = None
         if chunk is None or max(chunk.size, pending.size) > MAX_CHUNK_BYTES:
-            yield Lost(
+            yield LostMessages(
                 max(declared, 1),
                 f"the chunk does not have a size of at most {MAX_CHUNK_BYTES:,} bytes",
             )
@@ -279,7 +279,7 @@ class McapLog(ChunkedLog):
         unpacked, wrong = unpack(bytes(record[chunk.data]), chunk.compression, chunk.size)
         if not wrong and chunk.crc and zlib.crc32(unpacked) != chunk.crc:
             if chunk.compression:  # what was unpacked from damaged bytes is anything
-                yield Lost(max(declared, 1), "the chunk is damaged: its checksum is wrong")
+                yield LostMessages(max(declared, 1), "the chunk is damaged: its checksum is wrong")
                 return
             self.unverified += 1
         octets, gaps = np.frombuffer(unpacked, np.uint8), 0
@@ -294,13 +294,13 @@ class McapLog(ChunkedLog):
         yield messages
         lost = declared - messages.numbers.size if declared else gaps or int(wrong is not None)
         if lost > 0:
-            yield Lost(lost, f"the chunk is damaged: {wrong}" if wrong else _DAMAGED)
+            yield LostMessages(lost, f"the chunk is damaged: {wrong}" if wrong else _DAMAGED)
 
-    def _messages(self, octets: Octets, starts: Ints) -> Messages:
+    def _messages(self, octets: Octets, starts: Ints) -> RawMessages:
         records = gather(octets, MESSAGE, starts)
         channels, inverse = np.unique(records["channel"], return_inverse=True)
         numbers = np.array([self._channels.get(id_, -1) for id_ in channels.tolist()], np.int64)
-        return Messages(
+        return RawMessages(
             octets,
             numbers[inverse],
             records["log_time"].astype(np.int64),

@@ -14,10 +14,10 @@ import numpy as np
 
 from spoofbench.conversion import Columns
 from spoofbench.schema.v1 import gnss_pb2
-from spoofbench_converters.rosbag.family import Part, Refusal, Said
+from spoofbench_converters.rosbag.contract import DecodedMessages, DecodedRows, Refusal
 from spoofbench_converters.rosbag.fields import Fields, Floats
 
-Reader = Callable[[Fields], Said]
+Reader = Callable[[Fields], DecodedMessages]
 
 _ENU_TO_NED = (("nn", 4, 1), ("ne", 1, 1), ("nd", 5, -1), ("ee", 0, 1), ("ed", 2, -1), ("dd", 8, 1))
 _DIAGONAL = frozenset({"nn", "ee", "dd"})
@@ -67,7 +67,7 @@ def _said_to_be_absent(
     return np.zeros(len(fields), bool) if values is None else values[:, 0] == -1
 
 
-def imu(fields: Fields) -> Said:
+def imu(fields: Fields) -> DecodedMessages:
     """Return specific force and angular rate of sensor_msgs/Imu, without those that it says it does
     not have.
     """
@@ -81,39 +81,43 @@ def imu(fields: Fields) -> Said:
         columns.update({name: np.where(absent, np.nan, values) for name, values in columns.items()})
     columns = {**accel, **gyro}
     nothing = np.all([np.isnan(values) for values in columns.values()], axis=0)
-    part = Part("imu", {**columns, "interval_s": np.zeros(len(fields))})
-    return Said([part], fields.stamp_ns(), [(nothing, "it holds neither accelerations nor rates")])
+    part = DecodedRows("imu", {**columns, "interval_s": np.zeros(len(fields))})
+    return DecodedMessages(
+        [part], fields.stamp_ns(), [(nothing, "it holds neither accelerations nor rates")]
+    )
 
 
-def mag(fields: Fields) -> Said:
+def mag(fields: Fields) -> DecodedMessages:
     """Return the flux density of sensor_msgs/MagneticField, which is in tesla."""
     columns = _vector(fields, "magnetic_field", "field_{}_ut", 1e6)
     nothing = np.all([np.isnan(values) for values in columns.values()], axis=0)
-    return Said([Part("mag", columns)], fields.stamp_ns(), [(nothing, "it holds no field")])
+    return DecodedMessages(
+        [DecodedRows("mag", columns)], fields.stamp_ns(), [(nothing, "it holds no field")]
+    )
 
 
-def baro(fields: Fields) -> Said:
+def baro(fields: Fields) -> DecodedMessages:
     """Return the pressure of sensor_msgs/FluidPressure."""
     pressure = fields.floats("fluid_pressure")
-    return Said(
-        [Part("baro", {"pressure_pa": pressure})],
+    return DecodedMessages(
+        [DecodedRows("baro", {"pressure_pa": pressure})],
         fields.stamp_ns(),
         [(np.isnan(pressure), "it holds no pressure")],
     )
 
 
-def time_reference(fields: Fields) -> Said:
+def time_reference(fields: Fields) -> DecodedMessages:
     """Return how far the time of sensor_msgs/TimeReference is ahead of the host's, by which its
     header is stamped.
     """
     host, reference = fields.stamp_ns(), fields.stamp_ns("time_ref")
     if host is None or reference is None:
-        return Said([], None, [(np.ones(len(fields), bool), "it holds no time")])
-    part = Part("gnss/clock", {"host_offset_s": (reference - host) / 1e9})
-    return Said([part], host, [((host == 0) | (reference == 0), "it holds no time")])
+        return DecodedMessages([], None, [(np.ones(len(fields), bool), "it holds no time")])
+    part = DecodedRows("gnss/clock", {"host_offset_s": (reference - host) / 1e9})
+    return DecodedMessages([part], host, [((host == 0) | (reference == 0), "it holds no time")])
 
 
-def nav_sat_fix(fields: Fields) -> Said:
+def nav_sat_fix(fields: Fields) -> DecodedMessages:
     """Return the position of sensor_msgs/NavSatFix: WGS 84, altitude above the ellipsoid."""
     columns = {
         "lat_deg": fields.floats("latitude"),
@@ -121,10 +125,12 @@ def nav_sat_fix(fields: Fields) -> Said:
         "height_m": fields.floats("altitude"),
     }
     fixed, refusals = _fix(fields, columns)
-    return Said([Part("gnss/pvt", {**fixed, **_covariance(fields)})], fields.stamp_ns(), refusals)
+    return DecodedMessages(
+        [DecodedRows("gnss/pvt", {**fixed, **_covariance(fields)})], fields.stamp_ns(), refusals
+    )
 
 
-def gps_fix(fields: Fields) -> Said:
+def gps_fix(fields: Fields) -> DecodedMessages:
     """Return what gps_common/GPSFix says of the solution and, through its status, of the
     satellites.
     """
@@ -145,22 +151,22 @@ def gps_fix(fields: Fields) -> Said:
         "time_acc_s": _above_zero(fields.floats("err_time")),
         "num_sv": fields.floats("status.satellites_used"),
     }
-    pvt = Part("gnss/pvt", {**fixed, **more, **_covariance(fields)})
-    return Said([pvt, _signals(fields, "status.")], fields.stamp_ns(), refusals)
+    pvt = DecodedRows("gnss/pvt", {**fixed, **more, **_covariance(fields)})
+    return DecodedMessages([pvt, _signals(fields, "status.")], fields.stamp_ns(), refusals)
 
 
-def gps_status(fields: Fields) -> Said:
+def gps_status(fields: Fields) -> DecodedMessages:
     """Return what gps_common/GPSStatus says of the satellites."""
     signals = _signals(fields, "")
     seen = np.zeros(len(fields), bool)
     seen[signals.message] = True
-    return Said([signals], fields.stamp_ns(), [(~seen, "no satellite is in view")])
+    return DecodedMessages([signals], fields.stamp_ns(), [(~seen, "no satellite is in view")])
 
 
 def twist(prefix: str) -> Reader:
     """Return a reader of a receiver's velocity, given east, north, up."""
 
-    def read(fields: Fields) -> Said:
+    def read(fields: Fields) -> DecodedMessages:
         columns: Columns = {
             "vel_n_mps": fields.floats(f"{prefix}linear.y"),
             "vel_e_mps": fields.floats(f"{prefix}linear.x"),
@@ -175,20 +181,22 @@ def twist(prefix: str) -> Reader:
                 for axes, place, sign in _ENU_TO_NED
             }
         nothing = np.isnan(columns["vel_n_mps"]) & np.isnan(columns["vel_e_mps"])
-        return Said(
-            [Part("gnss/pvt", columns)], fields.stamp_ns(), [(nothing, "it holds no velocity")]
+        return DecodedMessages(
+            [DecodedRows("gnss/pvt", columns)],
+            fields.stamp_ns(),
+            [(nothing, "it holds no velocity")],
         )
 
     return read
 
 
-def odometry(fields: Fields) -> Said:
+def odometry(fields: Fields) -> DecodedMessages:
     """Return the speed along the x axis of a vehicle's frame, which REP 103 lays forward, of
     nav_msgs/Odometry.
     """
     speed = fields.floats("twist.twist.linear.x")
-    return Said(
-        [Part("odometer", {"speed_mps": speed})],
+    return DecodedMessages(
+        [DecodedRows("odometer", {"speed_mps": speed})],
         fields.stamp_ns(),
         [(np.isnan(speed), "it holds no speed")],
     )
@@ -235,7 +243,7 @@ def _above_zero(values: Floats) -> Floats:
     return np.where(values > 0, values, np.nan)
 
 
-def _signals(fields: Fields, prefix: str) -> Part:
+def _signals(fields: Fields, prefix: str) -> DecodedRows:
     """Return a row per satellite in view; the numbers are gpsd's, in one series for all
     constellations.
     """
@@ -262,7 +270,7 @@ def _signals(fields: Fields, prefix: str) -> Part:
         "azimuth_deg": per_satellite("azimuth"),
         "used": in_use.reshape(-1).astype(np.float64),
     }
-    return Part("gnss/signal", columns, np.repeat(np.arange(len(fields)), count))
+    return DecodedRows("gnss/signal", columns, np.repeat(np.arange(len(fields)), count))
 
 
 def _constellations(ids: Floats) -> tuple[Floats, Floats]:

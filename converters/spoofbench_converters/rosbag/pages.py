@@ -17,8 +17,8 @@ import apsw
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench_converters.rosbag.batches import BATCH_BYTES, MAX_MESSAGE_BYTES
 from spoofbench_converters.rosbag.layouts import windows
-from spoofbench_converters.rosbag.slabs import MAX_MESSAGE_BYTES, SLAB_BYTES
 
 FIRST_KEY, LAST_KEY = -(2**63), 2**63 - 1
 
@@ -38,12 +38,12 @@ _PADDING = 64  # more than the head of a cell
 _Integers = NDArray[np.int64]
 
 
-class Unusual(Exception):
+class UnsupportedPage(Exception):
     """A database, a page or a cell that is not as a sound bag has it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Cells:
+class PageCells:
     """Successive messages, where they lie.
 
     Attributes:
@@ -91,7 +91,7 @@ class Pages:
         """Find the table.
 
         Raises:
-            Unusual: it is not the table that bags have, or the database has a write-ahead log.
+            UnsupportedPage: it is not the table that bags have, or there is a write-ahead log.
             apsw.Error: the database cannot be read.
         """
         self._database = database
@@ -104,7 +104,7 @@ class Pages:
             or _words(definitions[0][1]) != _words(_TABLE)
             or not isinstance(definitions[0][0], int)
         ):
-            raise Unusual
+            raise UnsupportedPage
         self._root = definitions[0][0]
         _, header = database.read("main", 0, 0, _HEADER_BYTES)
         size = int.from_bytes(header[16:18], "big")
@@ -112,25 +112,25 @@ class Pages:
         self._usable = self._page_bytes - header[20]
         self._pages = int.from_bytes(header[28:32], "big")
         if header[18:20] != b"\x01\x01" or self._page_bytes < 512 or self._usable < 480:
-            raise Unusual
+            raise UnsupportedPage
 
-    def cells(self, wanted: frozenset[int]) -> Iterator[Cells]:
+    def cells(self, wanted: frozenset[int]) -> Iterator[PageCells]:
         """Yield all messages by key.
 
         Raises:
-            Unusual: the next are not as a sound bag has them.
+            UnsupportedPage: the next are not as a sound bag has them.
             apsw.Error: the next cannot be read.
         """
         numbers = np.array(sorted(wanted), np.int64)
         before = FIRST_KEY
-        for leaves in self._slabs():
+        for leaves in self._batches():
             cells = self._read_leaves(leaves, before, numbers)
             before = int(cells.keys[-1])
             yield cells
 
-    def _slabs(self) -> Iterator[_Children]:
+    def _batches(self) -> Iterator[_Children]:
         """Yield the leaves by key, as many at a time as are read at once."""
-        most = max(SLAB_BYTES // self._page_bytes, 1)
+        most = max(BATCH_BYTES // self._page_bytes, 1)
         waiting: list[_Children] = []
         count = 0
         for leaves in self._leaves(
@@ -146,7 +146,7 @@ class Pages:
 
     def _leaves(self, children: _Children, before: int, depth: int) -> Iterator[_Children]:
         if depth >= _MAX_DEPTH:
-            raise Unusual
+            raise UnsupportedPage
         if self._read(children.pages[:1])[0] == _LEAF:
             yield children
             return
@@ -158,7 +158,7 @@ class Pages:
         """Return pages, one after the other, and padding."""
         size = self._page_bytes
         if pages.min() < 2 or pages.max() > self._pages or (pages == _LOCK_BYTE // size + 1).any():
-            raise Unusual
+            raise UnsupportedPage
         octets = np.empty(pages.size * size + _PADDING, np.uint8)
         octets[-_PADDING:] = 0
         runs = np.concatenate([[0], np.flatnonzero(np.diff(pages) != 1) + 1, [pages.size]]).tolist()
@@ -167,7 +167,7 @@ class Pages:
                 "main", 0, (int(pages[start]) - 1) * size, (end - start) * size
             )
             if not whole:
-                raise Unusual
+                raise UnsupportedPage
             octets[start * size : end * size] = np.frombuffer(read, np.uint8)
         return octets
 
@@ -181,7 +181,7 @@ class Pages:
             or keys[-1] > last
             or (ends > self._usable).any()
         ):
-            raise Unusual
+            raise UnsupportedPage
         pages = (
             octets[np.concatenate([starts, [8]])[:, None] + np.arange(4)]
             .view(">u4")[:, 0]
@@ -197,20 +197,20 @@ class Pages:
         matrix = octets[: pages * size].reshape(pages, size)
         counts = matrix[:, 3] * np.int64(256) + matrix[:, 4]
         if (matrix[:, 0] != kind).any() or counts.min() < 1 or counts.max() > (size - 8) // 6:
-            raise Unusual
+            raise UnsupportedPage
         mine = np.arange(counts.max()) < counts[:, None]
         places = matrix.view(">u2")[:, first // 2 : first // 2 + int(counts.max())][mine].astype(
             np.int64
         )
         pages_of = np.repeat(np.arange(pages), counts)
         if (places < first + 2 * counts[pages_of]).any() or places.max() > self._usable - 4:
-            raise Unusual
+            raise UnsupportedPage
         return places + pages_of * size, counts
 
-    def _read_leaves(self, leaves: _Children, before: int, wanted: _Integers) -> Cells:
+    def _read_leaves(self, leaves: _Children, before: int, wanted: _Integers) -> PageCells:
         octets = self._read(leaves.pages)
         starts, counts = self._pointers(octets, leaves.pages.size, _LEAF)
-        payloads, ends = _varints(octets, starts)
+        messages, ends = _varints(octets, starts)
         keys, heads = _varints(octets, ends)
         last = np.cumsum(counts) - 1
         bounds = np.concatenate([[before], leaves.keys])
@@ -219,25 +219,25 @@ class Pages:
             or (keys[last - counts + 1] <= bounds[:-1]).any()
             or (keys[last] > leaves.keys).any()
         ):
-            raise Unusual
-        cells = _cells(octets, keys, heads, payloads)
-        local = self._local(payloads)
-        whole = (local == payloads) & (cells.lengths < MAX_MESSAGE_BYTES - _PADDING)
+            raise UnsupportedPage
+        cells = _cells(octets, keys, heads, messages)
+        local = self._local(messages)
+        whole = (local == messages) & (cells.lengths < MAX_MESSAGE_BYTES - _PADDING)
         ends = (
-            heads + local + 4 * (local < payloads)
+            heads + local + 4 * (local < messages)
         )  # the number of the page where the rest lies takes four bytes
         page_ends = np.repeat(np.arange(counts.size) * self._page_bytes + self._usable, counts)
         if (ends > page_ends).any() or np.isin(cells.topics[~whole], wanted).any():
-            raise Unusual
+            raise UnsupportedPage
         return cells
 
-    def _local(self, payloads: _Integers) -> _Integers:
-        """Return how many bytes of payloads are within their cells."""
+    def _local(self, messages: _Integers) -> _Integers:
+        """Return how many bytes of messages are within their cells."""
         most, least = self._usable - 35, (self._usable - 12) * 32 // 255 - 23
-        if payloads.max() <= most:
-            return payloads
-        rest = least + (payloads - least) % (self._usable - 4)
-        return np.where(payloads <= most, payloads, np.where(rest <= most, rest, least))
+        if messages.max() <= most:
+            return messages
+        rest = least + (messages - least) % (self._usable - 4)
+        return np.where(messages <= most, messages, np.where(rest <= most, rest, least))
 
 
 def _words(sql: bytes) -> list[bytes]:
@@ -245,21 +245,21 @@ def _words(sql: bytes) -> list[bytes]:
 
 
 def _cells(
-    octets: NDArray[np.uint8], keys: _Integers, heads: _Integers, payloads: _Integers
-) -> Cells:
+    octets: NDArray[np.uint8], keys: _Integers, heads: _Integers, messages: _Integers
+) -> PageCells:
     """Return messages whose records start at these places and have so many bytes: no key, two whole
     numbers, bytes.
     """
     topic_types, stamp_types = octets[heads + 2], octets[heads + 3]
     data_types, ends = _varints(octets, heads + 4)
     if (octets[heads] != ends - heads).any() or octets[heads + 1].any() or (data_types & 1).any():
-        raise Unusual
+        raise UnsupportedPage
     topics, ends = _integers(octets, ends, topic_types)
     stamps_ns, starts = _integers(octets, ends, stamp_types)
     lengths = (data_types - 12) // 2  # below 0 for what is neither text nor bytes
-    if (starts + lengths != heads + payloads).any():
-        raise Unusual
-    return Cells(octets, keys, topics, stamps_ns, starts, lengths)
+    if (starts + lengths != heads + messages).any():
+        raise UnsupportedPage
+    return PageCells(octets, keys, topics, stamps_ns, starts, lengths)
 
 
 def _varints(octets: NDArray[np.uint8], starts: _Integers) -> tuple[_Integers, _Integers]:
@@ -274,7 +274,7 @@ def _varints(octets: NDArray[np.uint8], starts: _Integers) -> tuple[_Integers, _
         values = np.where(more, (values << 7) | (octet & 0x7F), values)
         ends = ends + more
         more &= octet >= 0x80
-    raise Unusual
+    raise UnsupportedPage
 
 
 def _integers(
@@ -285,7 +285,7 @@ def _integers(
     """
     sizes = _INTEGER_BYTES[types]
     if sizes.min() < 0:
-        raise Unusual
+        raise UnsupportedPage
     ends = starts + sizes
     unused = 64 - 8 * sizes
     values = (windows(octets, 8)[ends - 8].view(">i8").astype(np.int64) << unused) >> unused

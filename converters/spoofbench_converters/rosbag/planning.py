@@ -9,9 +9,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from spoofbench_converters.rosbag.family import Options
+from spoofbench_converters.rosbag.batches import BagTopic
+from spoofbench_converters.rosbag.contract import Options
 from spoofbench_converters.rosbag.messages import Spec
-from spoofbench_converters.rosbag.slabs import Topic
 
 _VELOCITY = re.compile(r"(.*_)?vel(ocity)?(_.*)?")
 _COMMANDED = re.compile(r"cmd|command|desired|target|setpoint")
@@ -33,8 +33,8 @@ _ODOMETRY = "odometry that nothing says to be of wheels; if it is, name it with 
 
 
 @dataclass(frozen=True, slots=True)
-class Outlet:
-    """Where a topic's rows of one kind go; those of ``paired`` outlets of one source are joined."""
+class Output:
+    """Where a topic's rows of one kind go; those of ``paired`` outputs of one source are joined."""
 
     source: str
     kind: str
@@ -47,7 +47,7 @@ class Plan:
 
     Attributes:
         devices: topics that are on one clock.
-        outlets: by number of a topic.
+        outputs: by number of a topic.
         sources: metadata by source.
         declined: why topics are not taken whose types are known, by number.
         asked: beginnings of the kinds of which one device alone is asked for.
@@ -55,15 +55,15 @@ class Plan:
             first in the order of names has not.
     """
 
-    devices: list[list[Topic]] = field(default_factory=list)
-    outlets: dict[int, list[Outlet]] = field(default_factory=dict)
+    devices: list[list[BagTopic]] = field(default_factory=list)
+    outputs: dict[int, list[Output]] = field(default_factory=dict)
     sources: dict[str, dict[str, str]] = field(default_factory=dict)
     declined: dict[int, str] = field(default_factory=dict)
     asked: frozenset[str] = frozenset()
     primary: str | None = None
 
 
-def plan(topics: Sequence[Topic], specs: Mapping[int, Spec], options: Options) -> Plan:
+def plan(topics: Sequence[BagTopic], specs: Mapping[int, Spec], options: Options) -> Plan:
     """Return what becomes of those of a bag's topics that have a spec, by number."""
     made = Plan()
     known = sorted(
@@ -98,7 +98,7 @@ def plan(topics: Sequence[Topic], specs: Mapping[int, Spec], options: Options) -
 
 
 def _declined(
-    topic: Topic, known: Sequence[Topic], specs: Mapping[int, Spec], options: Options
+    topic: BagTopic, known: Sequence[BagTopic], specs: Mapping[int, Spec], options: Options
 ) -> str | None:
     spec, last = specs[topic.number], topic.name.rpartition("/")[2].lower()
     if topic.type.startswith("geometry_msgs/") and options.velocity != topic.name:
@@ -139,13 +139,13 @@ def _keep_only(source: str, made: Plan, specs: Mapping[int, Spec]) -> None:
         made.declined |= dict.fromkeys((topic.number for topic in device), NOT_ASKED)
 
 
-def _kinds(device: Sequence[Topic], specs: Mapping[int, Spec]) -> frozenset[str]:
+def _kinds(device: Sequence[BagTopic], specs: Mapping[int, Spec]) -> frozenset[str]:
     return frozenset(
         kind.partition("/")[0] for topic in device for kind in specs[topic.number].kinds
     )
 
 
-def _parent(topic: Topic) -> str:
+def _parent(topic: BagTopic) -> str:
     return topic.name.rpartition("/")[0]
 
 
@@ -153,9 +153,11 @@ def _is_gnss(spec: Spec) -> bool:
     return any(kind.startswith("gnss/") for kind in spec.kinds)
 
 
-def _devices(topics: Sequence[Topic], specs: Mapping[int, Spec]) -> list[list[Topic]]:
-    devices: list[list[Topic]] = [[topic] for topic in topics if not _is_gnss(specs[topic.number])]
-    namespaces: dict[str, list[Topic]] = {}
+def _devices(topics: Sequence[BagTopic], specs: Mapping[int, Spec]) -> list[list[BagTopic]]:
+    devices: list[list[BagTopic]] = [
+        [topic] for topic in topics if not _is_gnss(specs[topic.number])
+    ]
+    namespaces: dict[str, list[BagTopic]] = {}
     for topic in topics:
         if _is_gnss(specs[topic.number]):
             namespaces.setdefault(_parent(topic), []).append(topic)
@@ -165,7 +167,7 @@ def _devices(topics: Sequence[Topic], specs: Mapping[int, Spec]) -> list[list[To
             for topic in mine
             if "gnss/pvt" in specs[topic.number].kinds and specs[topic.number].side != "velocity"
         ]
-        heads: list[list[Topic]] = [[topic] for topic in solutions] or [[mine[0]]]
+        heads: list[list[BagTopic]] = [[topic] for topic in solutions] or [[mine[0]]]
         for topic in mine:
             if topic not in [head[0] for head in heads]:
                 max(heads, key=lambda head: _alike(head[0].name, topic.name)).append(topic)
@@ -181,13 +183,13 @@ def _alike(one: str, other: str) -> int:
     )
 
 
-def _second_velocities(device: list[Topic], specs: Mapping[int, Spec], made: Plan) -> None:
+def _second_velocities(device: list[BagTopic], specs: Mapping[int, Spec], made: Plan) -> None:
     for topic in [topic for topic in device if specs[topic.number].side == "velocity"][1:]:
         made.declined[topic.number] = _SECOND_TWIST
         device.remove(topic)
 
 
-def _name(device: Sequence[Topic], specs: Mapping[int, Spec], made: Plan) -> None:
+def _name(device: Sequence[BagTopic], specs: Mapping[int, Spec], made: Plan) -> None:
     """Name the sources of a device."""
     sides = [specs[topic.number].side for topic in device]
     paired = "position" in sides and "velocity" in sides
@@ -204,14 +206,14 @@ def _name(device: Sequence[Topic], specs: Mapping[int, Spec], made: Plan) -> Non
                 dict.fromkeys([*about.get("topic", "").split(" "), topic.name])
             ).strip()
             about.update(spec.about.get(kind, {}))
-            made.outlets.setdefault(topic.number, []).append(
-                Outlet(named[prefix], kind, paired and kind == "gnss/pvt" and bool(spec.side))
+            made.outputs.setdefault(topic.number, []).append(
+                Output(named[prefix], kind, paired and kind == "gnss/pvt" and bool(spec.side))
             )
             if kind == "gnss/pvt":
                 _describe_solution(about, topic, spec, paired)
 
 
-def _describe_solution(about: dict[str, str], topic: Topic, spec: Spec, paired: bool) -> None:
+def _describe_solution(about: dict[str, str], topic: BagTopic, spec: Spec, paired: bool) -> None:
     filtered = bool(_FILTERED.search(topic.name.lower()))
     about.setdefault("solution", "fused" if filtered else "gnss")
     about.setdefault(

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.errors import ConversionError
+from spoofbench_converters.rosbag.batches import ChunkedLog, LostMessages, RawMessages, gather
 from spoofbench_converters.rosbag.definitions import normal_name
 from spoofbench_converters.rosbag.layouts import windows
-from spoofbench_converters.rosbag.slabs import ChunkedLog, Lost, Messages, gather
 from spoofbench_converters.rosbag.unpacking import MAX_CHUNK_BYTES, unpack
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -60,7 +60,7 @@ class _Pending:
 
 
 class Ros1Log(ChunkedLog):
-    """An open bag; see :class:`spoofbench_converters.rosbag.slabs.Log`."""
+    """An open bag; see :class:`spoofbench_converters.rosbag.batches.MessageLog`."""
 
     def __init__(self, path: Path) -> None:
         """Open a bag and learn its topics, from its index or by reading all of it.
@@ -83,11 +83,11 @@ class Ros1Log(ChunkedLog):
                 pass
 
     def close(self) -> None:
-        """See :class:`spoofbench_converters.rosbag.slabs.Log`."""
+        """See :class:`spoofbench_converters.rosbag.batches.MessageLog`."""
         self._file.close()
 
-    def parts(self) -> Iterator[Messages | Lost]:
-        """See :class:`spoofbench_converters.rosbag.slabs.ChunkedLog`."""
+    def parts(self) -> Iterator[RawMessages | LostMessages]:
+        """See :class:`spoofbench_converters.rosbag.batches.ChunkedLog`."""
         pending: _Pending | None = None
         for record in self._records(len(MAGIC)):
             if isinstance(record, _Record) and record.op == _INDEX:
@@ -97,7 +97,7 @@ class Ros1Log(ChunkedLog):
             if pending is not None:
                 yield from self._chunk(pending)
                 pending = None
-            if isinstance(record, Lost):
+            if isinstance(record, LostMessages):
                 yield record
             elif record.op == _CHUNK:
                 pending = _Pending(record)
@@ -129,13 +129,13 @@ class Ros1Log(ChunkedLog):
         self.expected = messages
         return count is not None and len(self._connections) == count
 
-    def _records(self, at: int) -> Iterator[_Record | Lost]:
+    def _records(self, at: int) -> Iterator[_Record | LostMessages]:
         """Yield the file's records from a place on, and where there is something else."""
         while at < self._bytes:
             record = self._record_at(at)
             if record is None:
                 found = self._find(at + 1, frozenset({_INDEX, _CHUNK, _INFO, CONNECTION}))
-                yield Lost(
+                yield LostMessages(
                     1,
                     "the bag is damaged here" if found < self._bytes else "the bag is cut off here",
                 )
@@ -207,13 +207,13 @@ class Ros1Log(ChunkedLog):
             number, self.topic_number(name, normal_name(kind), "ros1", text, "ros1msg")
         )
 
-    def _chunk(self, pending: _Pending) -> Iterator[Messages | Lost]:
+    def _chunk(self, pending: _Pending) -> Iterator[RawMessages | LostMessages]:
         """Yield a chunk's messages, and what of it is lost."""
         record = pending.record
         declared = sum(part.size for part in pending.offsets)
         size = number_of(record.fields, b"size", 4)
         if size is None or max(size, record.size) > MAX_CHUNK_BYTES:
-            yield Lost(
+            yield LostMessages(
                 max(declared, 1),
                 f"the chunk does not have a size of at most {MAX_CHUNK_BYTES:,} bytes",
             )
@@ -230,9 +230,9 @@ class Ros1Log(ChunkedLog):
         gaps += strange
         lost = declared - messages.numbers.size if declared else gaps + (wrong is not None)
         if lost > 0:
-            yield Lost(lost, f"the chunk is damaged: {wrong}" if wrong else _DAMAGED)
+            yield LostMessages(lost, f"the chunk is damaged: {wrong}" if wrong else _DAMAGED)
 
-    def _messages(self, octets: NDArray[np.uint8], starts: _Integers) -> tuple[Messages, int]:
+    def _messages(self, octets: NDArray[np.uint8], starts: _Integers) -> tuple[RawMessages, int]:
         """Return the messages among records of a chunk, and how many are neither message nor
         connection; learn of the connections.
         """
@@ -259,17 +259,17 @@ class Ros1Log(ChunkedLog):
                 index = index[1:]
         if not parts:
             none = np.empty(0, np.int64)
-            return Messages(octets, none, none, none, none), strange
+            return RawMessages(octets, none, none, none, none), strange
         index, conns, stamps = (np.concatenate(column) for column in zip(*parts, strict=True))
         order = np.argsort(index)
         index, conns, stamps = index[order], conns[order], stamps[order]
-        payloads = starts[index] + 8 + lengths[index]
+        messages = starts[index] + 8 + lengths[index]
         known, inverse = np.unique(conns, return_inverse=True)
         numbers = np.array([self._connections.get(conn, -1) for conn in known.tolist()], np.int64)[
             inverse
         ]
-        return Messages(
-            octets, numbers, stamps, payloads, gather(octets, "<u4", payloads - 4)
+        return RawMessages(
+            octets, numbers, stamps, messages, gather(octets, "<u4", messages - 4)
         ), strange
 
 

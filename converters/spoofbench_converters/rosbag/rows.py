@@ -11,7 +11,7 @@ from spoofbench.conversion import Block, Columns, Reject, Rejects, RowBatch, Row
 from spoofbench.conversion.rows import join, take
 from spoofbench.schema import KINDS, Field, topic_of
 from spoofbench.table import Column, as_column
-from spoofbench_converters.rosbag.family import rejects
+from spoofbench_converters.rosbag.contract import rejects
 
 BACKWARDS = "time runs backwards"
 JOIN_NS = 10_000_000_000
@@ -19,7 +19,7 @@ INTERVAL_ROWS = 1000
 _WHOLE_HERTZ = 0.01  # share by which a median rate may differ from a whole number of hertz
 
 
-def batch(kind: str, rows: Columns) -> RowBatch:
+def row_batch(kind: str, rows: Columns) -> RowBatch:
     """Return rows of a kind.
 
     Args:
@@ -257,7 +257,7 @@ class ImuStream:
             for name, values in columns.items()
             if name.startswith(("accel_", "gyro_"))
         }
-        rows = batch("imu", {**columns, **rates, "interval_s": interval})
+        rows = row_batch("imu", {**columns, **rates, "interval_s": interval})
         yield from _sorted(self._buffer, self.topics[0], *self._buffer.sort(rows))
 
 
@@ -290,7 +290,7 @@ class PvaStream:
     def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject | Rejects]:
         """Take the next rows in bag order."""
         del topic
-        ready, refused = self._buffer.sort(batch(self._kind, columns))
+        ready, refused = self._buffer.sort(row_batch(self._kind, columns))
         yield from _sorted(self._buffer, self.topics[0], ready, refused)
 
     def finish(self) -> Iterator[Block | Reject | Rejects]:
@@ -326,7 +326,7 @@ class PvtStream(PairStream):
         self, topic: str, columns: Columns
     ) -> Iterator[Block | Rejects]:
         """Take one topic's next rows in bag order."""
-        yield from super().push(self._side[topic], batch(self.kind, columns))
+        yield from super().push(self._side[topic], row_batch(self.kind, columns))
 
     def about(self) -> dict[str, str]:
         """Return the source's metadata."""

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Block, Columns, Reject, Rejects, SourceMetadata
 from spoofbench.conversion.rows import take
-from spoofbench_converters.rosbag import slabs
-from spoofbench_converters.rosbag.clocks import Clock, Meter, decide
-from spoofbench_converters.rosbag.family import Options, Said, in_bag_order, refused
+from spoofbench_converters.rosbag import batches
+from spoofbench_converters.rosbag.batches import BagTopic, TopicMessages
+from spoofbench_converters.rosbag.clocks import DeviceClock, OffsetMeter, decide
+from spoofbench_converters.rosbag.contract import DecodedMessages, Options, in_bag_order, refused
 from spoofbench_converters.rosbag.fields import Fields
 from spoofbench_converters.rosbag.layouts import Group
 from spoofbench_converters.rosbag.messages import Spec
 from spoofbench_converters.rosbag.planning import Plan
-from spoofbench_converters.rosbag.rows import PairStream, RowStream, batch
-from spoofbench_converters.rosbag.slabs import Payloads, Topic
+from spoofbench_converters.rosbag.rows import PairStream, RowStream, row_batch
 
 _SETTLED_MESSAGES = 256  # of each device, before the clocks are decided
 _HELD_ROWS = 262_144  # most that wait for it
@@ -34,9 +34,9 @@ class _Device:
     """A device at work: its clock once it is decided, and the rows that wait for that."""
 
     name: str
-    clock: Clock | None = None
+    clock: DeviceClock | None = None
     held: list[tuple[_Stream, str, Columns]] = field(default_factory=list)
-    meter: Meter = field(default_factory=Meter)
+    meter: OffsetMeter = field(default_factory=OffsetMeter)
     messages: int = 0
 
 
@@ -48,7 +48,7 @@ class Sensors:
     """
 
     def __init__(self, plan: Plan, specs: Mapping[int, Spec], options: Options) -> None:
-        self.numbers = frozenset(plan.outlets)
+        self.numbers = frozenset(plan.outputs)
         self._plan, self._specs = plan, specs
         self._by_recorder = options.time == "recorder"
         self._ahead_ns = 0
@@ -63,29 +63,31 @@ class Sensors:
             self._devices.append(device)
             for topic in topics:
                 self._by_topic[topic.number] = device
-                for outlet in plan.outlets[topic.number]:
-                    self._of_source[outlet.source] = device
-                    stream: _Stream = RowStream(outlet.source, outlet.kind)
-                    if outlet.paired:
-                        stream = pairs.setdefault(outlet.source, PairStream(outlet.source))
-                    self._streams[(topic.number, outlet.kind)] = stream
+                for output in plan.outputs[topic.number]:
+                    self._of_source[output.source] = device
+                    stream: _Stream = RowStream(output.source, output.kind)
+                    if output.paired:
+                        stream = pairs.setdefault(output.source, PairStream(output.source))
+                    self._streams[(topic.number, output.kind)] = stream
 
     def take(
-        self, topic: Topic, groups: Sequence[Group], payloads: Payloads
+        self, topic: BagTopic, groups: Sequence[Group], messages: TopicMessages
     ) -> Iterator[Block | Reject | Rejects]:
-        """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        """See :class:`spoofbench_converters.rosbag.contract.MessageReader`."""
         spec, device = self._specs[topic.number], self._by_topic[topic.number]
         pieces: dict[str, list[Columns]] = {}
         for group in groups:
-            said = spec.read(Fields(group.rows))
-            records, stamps = payloads.records[group.index], payloads.stamps_ns[group.index]
-            kept, given = refused(said.refusals, records, topic.name)
+            decoded = spec.read(Fields(group.rows))
+            records, stamps = messages.records[group.index], messages.stamps_ns[group.index]
+            kept, given = refused(decoded.refusals, records, topic.name)
             yield from given
-            if said.stamp_ns is not None:
-                said = replace(said, stamp_ns=payloads.appended(said.stamp_ns, group.index))
-            empty = _add(pieces, said, kept, records, stamps)
+            if decoded.stamp_ns is not None:
+                decoded = replace(
+                    decoded, stamp_ns=messages.appended(decoded.stamp_ns, group.index)
+                )
+            empty = _add(pieces, decoded, kept, records, stamps)
             if empty.any():
-                yield slabs.rejects(records[empty], f"{topic.name}: {_NOTHING}")
+                yield batches.rejects(records[empty], f"{topic.name}: {_NOTHING}")
             device.messages += records.size
         for kind, parts in pieces.items():
             rows = in_bag_order(parts)
@@ -97,7 +99,7 @@ class Sensors:
             yield from self._release(device)
 
     def settle(self) -> Iterator[Block | Reject | Rejects]:
-        """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        """See :class:`spoofbench_converters.rosbag.contract.MessageReader`."""
         held = sum(rows["record"].size for device in self._devices for _, _, rows in device.held)
         if held > _HELD_ROWS or all(
             device.messages >= _SETTLED_MESSAGES for device in self._devices
@@ -107,7 +109,7 @@ class Sensors:
             yield from stream.settle()
 
     def finish(self) -> Iterator[Block | Reject | Rejects | SourceMetadata]:
-        """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        """See :class:`spoofbench_converters.rosbag.contract.MessageReader`."""
         yield from self._decide()
         for stream in dict.fromkeys(self._streams.values()):
             yield from stream.finish()
@@ -140,7 +142,7 @@ class Sensors:
             self._ahead_ns = 0
         for device in self._devices:
             device.clock = (
-                Clock(False, 0, "recorder's stamps, as asked for")
+                DeviceClock(False, 0, "recorder's stamps, as asked for")
                 if self._by_recorder
                 else clocks[device.name]
             )
@@ -157,7 +159,7 @@ class Sensors:
             rows["time_ns"] = device.clock.time_ns(stamps, received)
             counted = has_stamp & (rows["units"] > 0)
             device.meter.add(stamps[counted], received[counted])
-            yield from stream.push(side, batch(stream.kind, rows))
+            yield from stream.push(side, row_batch(stream.kind, rows))
 
 
 def _times(device: _Device) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -177,7 +179,7 @@ def _times(device: _Device) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 def _add(
     pieces: dict[str, list[Columns]],
-    said: Said,
+    decoded: DecodedMessages,
     kept: NDArray[np.bool_],
     records: NDArray[np.int64],
     received: NDArray[np.int64],
@@ -188,10 +190,10 @@ def _add(
     The first row of each message, in its first part that has one, has ``units`` 1: it stands for
     the message in the ledger.
     """
-    stamped = said.stamp_ns is not None
-    stamps = said.stamp_ns if said.stamp_ns is not None else np.zeros(records.size, np.int64)
+    stamped = decoded.stamp_ns is not None
+    stamps = decoded.stamp_ns if decoded.stamp_ns is not None else np.zeros(records.size, np.int64)
     waiting = kept.copy()
-    for part in said.parts:
+    for part in decoded.parts:
         message = np.arange(records.size) if part.message is None else part.message
         mine = kept[message]
         message = message[mine]

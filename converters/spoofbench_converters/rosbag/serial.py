@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from spoofbench.arrays import Times
 from spoofbench.conversion import Block, Reject, Rejects, RowBatch, SourceMetadata
-from spoofbench_converters.rosbag import slabs
+from spoofbench_converters.rosbag import batches
+from spoofbench_converters.rosbag.batches import BagTopic, TopicMessages
 from spoofbench_converters.rosbag.layouts import Group
 from spoofbench_converters.rosbag.rows import RowStream
-from spoofbench_converters.rosbag.slabs import Payloads, Topic
 from spoofbench_converters.serial.contract import EpochRows, Epochs, Frames
 
 SENTENCE = "nmea_msgs/msg/Sentence"
@@ -78,7 +78,7 @@ class Serial:
         numbers: of its topics.
     """
 
-    def __init__(self, topics: Sequence[Topic], counts: dict[str, int]) -> None:
+    def __init__(self, topics: Sequence[BagTopic], counts: dict[str, int]) -> None:
         """Take the topics, and how many sources there are already by the beginning of their
         names.
         """
@@ -91,11 +91,11 @@ class Serial:
         self._streams: dict[tuple[str, str], RowStream] = {}
 
     def take(
-        self, topic: Topic, groups: Sequence[Group], payloads: Payloads
+        self, topic: BagTopic, groups: Sequence[Group], messages: TopicMessages
     ) -> Iterator[Block | Reject | Rejects]:
-        """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        """See :class:`spoofbench_converters.rosbag.contract.MessageReader`."""
         for group in groups:
-            records, received = payloads.records[group.index], payloads.stamps_ns[group.index]
+            records, received = messages.records[group.index], messages.stamps_ns[group.index]
             frames = (
                 _sentences(group.rows)
                 if topic.type == SENTENCE
@@ -107,7 +107,7 @@ class Serial:
                 else _checked(frames, topic.type)
             )
             if not good.all():
-                yield slabs.rejects(records[~good], f"{topic.name}: {reason}")
+                yield batches.rejects(records[~good], f"{topic.name}: {reason}")
             if frames is not None and good.any():
                 frames, records, received = frames[good], records[good], received[good]
                 starts = np.arange(records.size) * frames.shape[1]
@@ -118,13 +118,13 @@ class Serial:
                 )
 
     def settle(self) -> Iterator[Block | Reject | Rejects]:
-        """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        """See :class:`spoofbench_converters.rosbag.contract.MessageReader`."""
         waiting, self._waiting = self._waiting, []
         if waiting:
             yield from self._items(self._decoder.push(_in_bag_order(waiting)))
 
     def finish(self) -> Iterator[Block | Reject | Rejects | SourceMetadata]:
-        """See :class:`spoofbench_converters.rosbag.family.Session`."""
+        """See :class:`spoofbench_converters.rosbag.contract.MessageReader`."""
         yield from self.settle()
         yield from self._items(self._decoder.finish())
         for stream in self._streams.values():
@@ -177,11 +177,11 @@ class Serial:
         return self._sources[source]
 
 
-def open_serial(topics: Sequence[Topic], counts: dict[str, int]) -> list[Serial]:
+def open_serial(topics: Sequence[BagTopic], counts: dict[str, int]) -> list[Serial]:
     """Return a session for each receiver among the topics; ``counts``: how many sources there are
     by the beginning of their names.
     """
-    receivers: dict[str, list[Topic]] = {}
+    receivers: dict[str, list[BagTopic]] = {}
     for topic in sorted(topics, key=lambda topic: topic.name):
         receivers.setdefault(
             topic.name if topic.type == SENTENCE else topic.name.rpartition("/")[0] + "/", []
@@ -210,7 +210,7 @@ def _sentences(rows: NDArray[Any]) -> NDArray[np.uint8] | None:
 
 
 def _checked(frames: NDArray[np.uint8], kind: str) -> tuple[str, NDArray[np.bool_]]:
-    """Return which sentences bear their checksum, and what is wrong with the others; UBX payloads
+    """Return which sentences bear their checksum, and what is wrong with the others; UBX messages
     bore none in their message.
     """
     if kind != SENTENCE:

@@ -2,7 +2,7 @@
 
 The pages of a sound bag are read as arrays (see :mod:`spoofbench_converters.rosbag.pages`). What
 follows the first page that is unusual or damaged is read by queries: rows are fetched some hundreds
-at a time and their payloads joined by topic.
+at a time and their messages joined by topic.
 """
 
 from collections.abc import Iterator
@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Reject, Rejects
 from spoofbench.errors import ConversionError
-from spoofbench_converters.rosbag.definitions import normal_name
-from spoofbench_converters.rosbag.pages import FIRST_KEY, LAST_KEY, Pages, Unusual
-from spoofbench_converters.rosbag.slabs import (
+from spoofbench_converters.rosbag.batches import (
+    BATCH_MESSAGES,
     MAX_MESSAGE_BYTES,
-    SLAB_MESSAGES,
-    Messages,
-    Payloads,
-    Slab,
-    Topic,
-    slab_of,
+    BagTopic,
+    MessageBatch,
+    RawMessages,
+    TopicMessages,
+    batch_of,
 )
+from spoofbench_converters.rosbag.definitions import normal_name
+from spoofbench_converters.rosbag.pages import FIRST_KEY, LAST_KEY, Pages, UnsupportedPage
 
 MAGIC = b"SQLite format 3\0"
 FETCHED_MESSAGES = 512
@@ -54,7 +54,7 @@ _Row = tuple[Any, ...]
 
 
 class SqliteLog:
-    """An open database; see :class:`spoofbench_converters.rosbag.slabs.Log`."""
+    """An open database; see :class:`spoofbench_converters.rosbag.batches.MessageLog`."""
 
     def __init__(self, path: Path) -> None:
         """Open a database read-only.
@@ -77,7 +77,7 @@ class SqliteLog:
             raise ConversionError(f"the bag {path.name!r} cannot be read: {error}") from error
         texts = self._definitions()
         self.topics = tuple(
-            Topic(
+            BagTopic(
                 number, str(name), normal_name(str(kind)), str(encoding), *texts.get(kind, ("", ""))
             )
             for number, name, kind, encoding in rows
@@ -108,39 +108,41 @@ class SqliteLog:
             return {}
         return {kind: (str(text), str(form)) for kind, text, form in rows}
 
-    def slabs(self, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
+    def batches(self, wanted: frozenset[int]) -> Iterator[MessageBatch | Reject]:
         """Yield all messages in bag order; of the topics that are not wanted, only how many there
         are.
         """
         last = FIRST_KEY
         try:
             for cells in Pages(self._database).cells(wanted):
-                messages = Messages(
+                messages = RawMessages(
                     cells.octets, cells.topics, cells.stamps_ns, cells.starts, cells.lengths
                 )
-                yield slab_of(messages, self.records, wanted)
+                yield batch_of(messages, self.records, wanted)
                 self.records += cells.keys.size
                 last = int(cells.keys[-1])
-        except (Unusual, apsw.Error):
+        except (UnsupportedPage, apsw.Error):
             pass
         else:
             return
         yield from self._by_queries(wanted, last)
 
-    def _by_queries(self, wanted: frozenset[int], last: int | None) -> Iterator[Slab | Reject]:
+    def _by_queries(
+        self, wanted: frozenset[int], last: int | None
+    ) -> Iterator[MessageBatch | Reject]:
         """Yield the messages after a key."""
         query = _MESSAGES.format(wanted=", ".join(map(str, sorted(wanted))) or "NULL")
         while last is not None:
             rows = _Rows(self._database, query, last)
-            filling = _Filling(wanted)
+            filling = _BatchBuilder(wanted)
             while fetched := rows.fetch(FETCHED_MESSAGES):
                 filling.add(fetched, self.records)
                 self.records += len(fetched)
-                if filling.messages >= SLAB_MESSAGES:
-                    yield filling.slab()
-                    filling = _Filling(wanted)
+                if filling.messages >= BATCH_MESSAGES:
+                    yield filling.batch()
+                    filling = _BatchBuilder(wanted)
             if filling.messages:
-                yield filling.slab()
+                yield filling.batch()
             if rows.failure is None:
                 return
             reject, last = self._around(rows.failure, query, max(rows.last, 0))
@@ -230,8 +232,8 @@ class _Rows:
         return rows
 
 
-class _Filling:
-    """A slab being filled."""
+class _BatchBuilder:
+    """A batch being filled."""
 
     def __init__(self, wanted: frozenset[int]) -> None:
         self.messages = 0
@@ -259,7 +261,7 @@ class _Filling:
                 self._sort(list(compress(rows, good)), records[kept])
 
     def _sort(self, rows: list[_Row], records: NDArray[np.int64]) -> None:
-        _, numbers, stamps, payloads = zip(*rows, strict=True)
+        _, numbers, stamps, messages = zip(*rows, strict=True)
         topics, stamps_ns = np.array(numbers), np.array(stamps)
         if topics.dtype != np.int64 or stamps_ns.dtype != np.int64:
             raise TypeError
@@ -267,7 +269,7 @@ class _Filling:
         for number in set(numbers):
             mine = topics == number
             if number in self._joined:
-                chosen = list(compress(payloads, mine.tolist()))
+                chosen = list(compress(messages, mine.tolist()))
                 parts[number] = (
                     b"".join(chosen),
                     np.fromiter(map(len, chosen), np.int64, len(chosen)),
@@ -289,7 +291,7 @@ class _Filling:
             and (isinstance(row[3], bytes) or row[1] not in self._joined)
         )
 
-    def slab(self) -> Slab:
+    def batch(self) -> MessageBatch:
         """Return what was taken."""
         wanted = {
             number: _payloads(
@@ -299,11 +301,15 @@ class _Filling:
             for number, parts in self._parts.items()
             if parts
         }
-        return Slab(wanted, self._others, self._rejects)
+        return MessageBatch(wanted, self._others, self._rejects)
 
 
-def _payloads(joined: bytearray, lengths: NDArray[np.int64], *about: NDArray[np.int64]) -> Payloads:
-    return Payloads(np.frombuffer(joined, np.uint8), np.cumsum(lengths) - lengths, lengths, *about)
+def _payloads(
+    joined: bytearray, lengths: NDArray[np.int64], *about: NDArray[np.int64]
+) -> TopicMessages:
+    return TopicMessages(
+        np.frombuffer(joined, np.uint8), np.cumsum(lengths) - lengths, lengths, *about
+    )
 
 
 def connect(path: Path) -> apsw.Connection:

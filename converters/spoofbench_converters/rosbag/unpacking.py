@@ -6,7 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from spoofbench_converters.rosbag.slabs import MAX_MESSAGE_BYTES, Payloads, Slab, rejects
+from spoofbench_converters.rosbag.batches import (
+    MAX_MESSAGE_BYTES,
+    MessageBatch,
+    TopicMessages,
+    rejects,
+)
 
 MAX_CHUNK_BYTES = 128 << 20
 _PIECE_BYTES = 65_536
@@ -90,39 +95,41 @@ _MAGIC = b"\x28\xb5\x2f\xfd"
 _DAMAGED = "the packed message cannot be unpacked to the size that a message has"
 
 
-def unpacked_messages(slab: Slab) -> Slab:
-    """Return a slab with the messages unpacked of topics that are packed by zstd; those that cannot
-    be are rejects.
+def unpacked_messages(batch: MessageBatch) -> MessageBatch:
+    """Return a batch whose messages packed by zstd are unpacked; those that cannot be are
+    rejects.
     """
-    packed = [number for number, payloads in slab.wanted.items() if _is_packed(payloads)]
+    packed = [number for number, messages in batch.wanted.items() if _is_packed(messages)]
     if not packed:
-        return slab
-    wanted, refused = dict(slab.wanted), list(slab.rejects)
+        return batch
+    wanted, refused = dict(batch.wanted), list(batch.rejects)
     for number in packed:
-        payloads = slab.wanted[number]
-        unpacked, good = _unpacked(payloads)
+        messages = batch.wanted[number]
+        unpacked, good = _unpacked(messages)
         wanted[number] = unpacked
         if not good.all():
-            refused.append(rejects(payloads.records[~good], _DAMAGED))
-    return Slab(
-        {number: payloads for number, payloads in wanted.items() if payloads.records.size},
-        slab.others,
+            refused.append(rejects(messages.records[~good], _DAMAGED))
+    return MessageBatch(
+        {number: messages for number, messages in wanted.items() if messages.records.size},
+        batch.others,
         refused,
     )
 
 
-def _is_packed(payloads: Payloads) -> bool:
+def _is_packed(messages: TopicMessages) -> bool:
     """Whether the first message starts as zstd does, and as none in CDR does."""
-    start = int(payloads.starts[0])
-    return payloads.octets[start : start + 4].tobytes() == _MAGIC
+    start = int(messages.starts[0])
+    return messages.octets[start : start + 4].tobytes() == _MAGIC
 
 
-def _unpacked(payloads: Payloads) -> tuple[Payloads, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+def _unpacked(
+    messages: TopicMessages,
+) -> tuple[TopicMessages, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
     import zstandard
 
     unpacker, joined, lengths = zstandard.ZstdDecompressor(), bytearray(), []
-    octets = payloads.octets.data
-    for start, length in zip(payloads.starts.tolist(), payloads.lengths.tolist(), strict=True):
+    octets = messages.octets.data
+    for start, length in zip(messages.starts.tolist(), messages.lengths.tolist(), strict=True):
         packed = octets[start : start + length]
         try:
             # The declared size is allocated whatever the most may be.
@@ -139,10 +146,10 @@ def _unpacked(payloads: Payloads) -> tuple[Payloads, np.ndarray[tuple[int], np.d
     good = sizes >= 0
     sizes = sizes[good]
     places = np.cumsum(sizes) - sizes
-    return Payloads(
+    return TopicMessages(
         np.frombuffer(bytes(joined), np.uint8),
         places,
         sizes,
-        payloads.records[good],
-        payloads.stamps_ns[good],
+        messages.records[good],
+        messages.stamps_ns[good],
     ), good

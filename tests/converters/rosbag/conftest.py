@@ -21,7 +21,7 @@ from spoofbench.table import Column, Table
 
 START_NS = 1_700_000_000_000_000_000
 Message = tuple[str, str, int, Any]
-"""Topic, type, the recorder's stamp, and the message (or its bytes)."""
+"""BagTopic, type, the recorder's stamp, and the message (or its bytes)."""
 
 
 @dataclass(frozen=True)

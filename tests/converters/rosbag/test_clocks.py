@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spoofbench_converters.rosbag.clocks import AGREE_NS, DAY_NS, Meter, Steps, decide
-from spoofbench_converters.rosbag.slabs import Payloads
+from spoofbench_converters.rosbag.batches import TopicMessages
+from spoofbench_converters.rosbag.clocks import AGREE_NS, DAY_NS, ClockSteps, OffsetMeter, decide
 
 Convert = Callable[..., Any]
 
@@ -116,7 +116,7 @@ def test_offset_spread_and_drift_are_measured() -> None:
     received = START_NS + np.arange(200_000) * 10_000_000
     noise = rng.uniform(-0.01, 0.01, received.size)
     off_s = 0.25 + 20e-6 * (received - received[0]) / 1e9 + noise
-    whole, pieces = Meter(), Meter()
+    whole, pieces = OffsetMeter(), OffsetMeter()
     stamps = received + np.rint(off_s * 1e9).astype(np.int64)
     whole.add(stamps, received)
     for part in np.array_split(np.arange(received.size), 37):
@@ -168,17 +168,17 @@ def test_jumps_do_not_depend_on_pieces() -> None:
     numbers, records = rng.integers(0, 3, 400), np.arange(400)
 
     def joined(cuts: list[int]) -> tuple[list[int], dict[str, str]]:
-        steps, told = Steps(append=True), np.zeros(400, np.int64)
+        steps, told = ClockSteps(append=True), np.zeros(400, np.int64)
         for part in np.split(records, cuts):
             empty = np.empty(0, np.int64)
             wanted = {
-                n: Payloads(
+                n: TopicMessages(
                     empty, empty, empty, part[numbers[part] == n], stamps[part[numbers[part] == n]]
                 )
                 for n in range(3)
             }
-            for payloads in steps.take(wanted).values():
-                told[payloads.records] = payloads.stamps_ns
+            for messages in steps.take(wanted).values():
+                told[messages.records] = messages.stamps_ns
         return told.tolist(), steps.about()
 
     whole = joined([])

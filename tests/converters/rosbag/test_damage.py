@@ -144,13 +144,13 @@ def test_bags_that_cannot_be_read_are_one_sentence(
 
 
 def test_other_files_are_refused(tmp_path: Path, convert_bag: Callable[..., Any]) -> None:
-    for head, sentence, surety in (
+    for head, sentence, confidence in (
         (b"#ROSBAG V1.2\n", "another version", 1),
         (b"hello", "is no bag", 0),
     ):
         path = tmp_path / "file"
         path.write_bytes(head)
-        assert rosbag.sniff(Source.of(path)) == surety
+        assert rosbag.sniff(Source.of(path)) == confidence
         with pytest.raises(ConversionError, match=sentence):
             convert_bag(path)
     with sqlite3.connect(tmp_path / "other.db3") as file:

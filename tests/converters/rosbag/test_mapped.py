@@ -34,7 +34,9 @@ TYPES = {
         "uint64 timestamp\nfloat32[3] gyro_rad\nfloat32[3] accelerometer_m_s2\nuint32 "
         "accelerometer_integral_dt\n"
     ),
-    "lab/msg/Both": "std_msgs/Header Header\nsensor_msgs/Imu imu\nsensor_msgs/MagneticField mag\nstring raw\n",
+    "lab/msg/Both": (
+        "std_msgs/Header Header\nsensor_msgs/Imu imu\nsensor_msgs/MagneticField mag\nstring raw\n"
+    ),
     "lab/msg/Gps": (
         "std_msgs/Header header\nfloat64 latitude\nfloat64 longitude\nstring altitude\nfloat64 "
         "utm_easting\nfloat64 utm_northing\n"

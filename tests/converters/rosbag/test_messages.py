@@ -110,7 +110,7 @@ def test_gps_fix_and_its_satellites(sessions: Any, convert_bag: Convert, tmp_pat
         bag(sessions, tmp_path / "bag", ("/f", "gps_msgs/msg/GPSFix", {**fix, **satellites}))
     ).recording
     pvt, signal = recording["/gnss0/gnss/pvt"], recording["/gnss0/gnss/signal"]
-    said = {
+    decoded = {
         "height_msl_m": 12,
         "course_deg": 90,
         "speed_mps": 5,
@@ -119,7 +119,7 @@ def test_gps_fix_and_its_satellites(sessions: Any, convert_bag: Convert, tmp_pat
         "h_acc_m": 2,
         "num_sv": 1,
     }
-    assert {name: float(pvt[name][0]) for name in said} == said
+    assert {name: float(pvt[name][0]) for name in decoded} == decoded
     assert not pvt.has("pdop")
     assert pvt["fix_type"][0] == gnss_pb2.FIX_TYPE_RTK_FIXED
     assert signal["svid"][:3].tolist() == [3, 6, 300]

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from spoofbench_converters.rosbag import pages, slabs, sqlite_log
-from spoofbench_converters.rosbag.pages import Pages, Unusual
+from spoofbench_converters.rosbag import batches, pages, sqlite_log
+from spoofbench_converters.rosbag.pages import Pages, UnsupportedPage
 
 from spoofbench.conversion import Reject
 from spoofbench.errors import ConversionError
@@ -130,23 +130,23 @@ def content(path: Path) -> Content:
     try:
         log = sqlite_log.SqliteLog(path)
         with closing(log):
-            for slab in log.slabs(WANTED):
-                _add(result, slab)
+            for batch in log.batches(WANTED):
+                _add(result, batch)
             result.records = log.records
     except ConversionError as error:
         result.refusal = str(error)
     return result
 
 
-def _add(result: Content, slab: slabs.Slab | Reject) -> None:
-    if isinstance(slab, Reject):
-        result.rejects.append(slab)
+def _add(result: Content, batch: batches.MessageBatch | Reject) -> None:
+    if isinstance(batch, Reject):
+        result.rejects.append(batch)
         return
-    result.rejects += slab.rejects
-    for number, (count, first) in slab.others.items():
+    result.rejects += batch.rejects
+    for number, (count, first) in batch.others.items():
         before, first = result.others.get(number, (0, first))
         result.others[number] = (before + count, first)
-    for number, mine in slab.wanted.items():
+    for number, mine in batch.wanted.items():
         for record, stamp, start, length in zip(
             *map(list, (mine.records, mine.stamps_ns, mine.starts, mine.lengths)), strict=True
         ):
@@ -165,7 +165,7 @@ def by_queries(path: Path) -> Content:
 
 
 def _unusual(*_: Any) -> Iterator[Any]:
-    raise Unusual
+    raise UnsupportedPage
 
 
 def by_pages_alone(path: Path) -> Content:
@@ -201,14 +201,14 @@ odd_rows = st.lists(
 ).map(tuple)
 
 
-@given(shape=shapes, slab_bytes=st.sampled_from([1, 20_000, 4_000_000]))
+@given(shape=shapes, batch_bytes=st.sampled_from([1, 20_000, 4_000_000]))
 @settings(max_examples=60, deadline=None)
-def test_sound_bags_are_read_from_their_pages_alone(shape: Shape, slab_bytes: int) -> None:
+def test_sound_bags_are_read_from_their_pages_alone(shape: Shape, batch_bytes: int) -> None:
     shape = Shape(
         **{**shape.__dict__, "page_bytes": max(shape.page_bytes, 1024)}
     )  # so that no message overflows its page
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pages, "SLAB_BYTES", slab_bytes)
+        patch.setattr(pages, "BATCH_BYTES", batch_bytes)
         path = Path(folder) / "bag.db3"
         make(path, shape)
         queried = by_queries(path)
@@ -219,17 +219,17 @@ def test_sound_bags_are_read_from_their_pages_alone(shape: Shape, slab_bytes: in
         assert same
 
 
-@given(shape=shapes, odd=odd_rows, slab_bytes=st.sampled_from([1, 20_000, 4_000_000]))
-@example(shape=Shape(65_536), odd=((9, 1, 1, Blob(16_385)),), slab_bytes=1)
+@given(shape=shapes, odd=odd_rows, batch_bytes=st.sampled_from([1, 20_000, 4_000_000]))
+@example(shape=Shape(65_536), odd=((9, 1, 1, Blob(16_385)),), batch_bytes=1)
 @example(
-    shape=Shape(65_536), odd=((9, 3, 1, Blob(16_385)), (10, 99, 1, Blob(200_000))), slab_bytes=1
+    shape=Shape(65_536), odd=((9, 3, 1, Blob(16_385)), (10, 99, 1, Blob(200_000))), batch_bytes=1
 )
 @settings(max_examples=150, deadline=None)
 def test_odd_rows_are_read_as_queries_read_them(
-    shape: Shape, odd: tuple[Row, ...], slab_bytes: int
+    shape: Shape, odd: tuple[Row, ...], batch_bytes: int
 ) -> None:
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pages, "SLAB_BYTES", slab_bytes)
+        patch.setattr(pages, "BATCH_BYTES", batch_bytes)
         path = Path(folder) / "bag.db3"
         make(path, Shape(**{**shape.__dict__, "odd": odd}))
         same = content(path) == by_queries(path)
@@ -263,7 +263,7 @@ damages = st.tuples(
 @given(
     shape=shapes,
     odd=st.just(()) | odd_rows,
-    slab_bytes=st.sampled_from([1, 20_000, 4_000_000]),
+    batch_bytes=st.sampled_from([1, 20_000, 4_000_000]),
     damage=st.lists(damages, min_size=1, max_size=3),
     kept=st.just(1.0) | st.floats(0.1, 1.0),
 )
@@ -271,12 +271,12 @@ damages = st.tuples(
 def test_damaged_bags_are_read_as_queries_read_them(
     shape: Shape,
     odd: tuple[Row, ...],
-    slab_bytes: int,
+    batch_bytes: int,
     damage: list[tuple[int, int, int, int]],
     kept: float,
 ) -> None:
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pages, "SLAB_BYTES", slab_bytes)
+        patch.setattr(pages, "BATCH_BYTES", batch_bytes)
         path = Path(folder) / "bag.db3"
         shape = Shape(**{**shape.__dict__, "odd": odd, "page_bytes": min(shape.page_bytes, 2048)})
         make(path, shape)

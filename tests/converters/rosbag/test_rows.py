@@ -46,13 +46,13 @@ def test_values_are_those_of_the_messages(maker: Any, convert_bag: Callable[...,
     ]
 
 
-def test_slabs_do_not_matter(
+def test_batches_do_not_matter(
     maker: Any, convert_bag: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = maker.bag(maker.session())
     whole = convert_bag(path)
-    for slab, fetched in ((1, 1), (37, 5), (400, 512)):
-        monkeypatch.setattr(sqlite_log, "SLAB_MESSAGES", slab)
+    for batch, fetched in ((1, 1), (37, 5), (400, 512)):
+        monkeypatch.setattr(sqlite_log, "BATCH_MESSAGES", batch)
         monkeypatch.setattr(sqlite_log, "FETCHED_MESSAGES", fetched)
         cut = convert_bag(path)
         assert dict(cut.recording) == dict(whole.recording)
@@ -90,7 +90,7 @@ def test_rows_of_equal_time_pair_by_their_order() -> None:
             "record": np.arange(len(times)),
             name: np.array(times) * 1.0,
         }
-        return rows.batch("gnss/pvt", columns)
+        return rows.row_batch("gnss/pvt", columns)
 
     joined = rows.outer_join(side("lat_deg", [1, 2, 2, 3]), side("vel_n_mps", [2, 2, 4]))
     assert joined.time_ns.tolist() == [1, 2, 2, 3, 4]
@@ -232,7 +232,7 @@ def test_roll_pitch_yaw_against_rotation_matrices() -> None:
 
 @pytest.mark.parametrize("decimals", [7, 9])
 def test_degrees_undo_a_recorders_radians(decimals: int) -> None:
-    said = np.round(np.random.default_rng(4).uniform(-180, 180, 10_000), decimals)
-    assert np.array_equal(aspn23.degrees(np.deg2rad(said)), said)
+    decoded = np.round(np.random.default_rng(4).uniform(-180, 180, 10_000), decimals)
+    assert np.array_equal(aspn23.degrees(np.deg2rad(decoded)), decoded)
     other = np.random.default_rng(5).uniform(-np.pi, np.pi, 10_000)
     assert aspn23.degrees(other) == pytest.approx(np.rad2deg(other), rel=1e-15)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from spoofbench.conversion import Block, Columns, Reject, Rejects, SourceMetadata
 from spoofbench.conversion.rows import take
-from spoofbench_converters.rosbag import slabs
+from spoofbench_converters.rosbag import batches
+from spoofbench_converters.rosbag.batches import BagTopic, TopicMessages
 from spoofbench_converters.rosbag.layouts import Group
-from spoofbench_converters.rosbag.slabs import Payloads, Topic
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ Refusal = tuple[NDArray[np.bool_], str]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class DecodedRows:
     """Rows of one kind that messages give.
 
     Attributes:
@@ -86,7 +86,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Said:
+class DecodedMessages:
     """What messages of one layout say.
 
     Attributes:
@@ -95,18 +95,18 @@ class Said:
         refusals: messages that cannot be used.
     """
 
-    parts: Sequence[Part]
+    parts: Sequence[DecodedRows]
     stamp_ns: NDArray[np.int64] | None = None
     refusals: Sequence[Refusal] = field(default_factory=tuple)
 
 
-class Session(Protocol):
+class MessageReader(Protocol):
     """A family at work on one bag."""
 
     def take(
-        self, topic: Topic, groups: Sequence[Group], payloads: Payloads
+        self, topic: BagTopic, groups: Sequence[Group], messages: TopicMessages
     ) -> Iterator[Block | Reject | Rejects]:
-        """Take a topic's next messages, by layout; ``Group.index`` counts within ``payloads``."""
+        """Take a topic's next messages, by layout; ``Group.index`` counts within ``messages``."""
         ...
 
     def settle(self) -> Iterator[Block | Reject | Rejects]:
@@ -121,7 +121,7 @@ class Session(Protocol):
 def rejects(columns: Mapping[str, NDArray[Any]], reason: str) -> Iterator[Rejects]:
     """Yield one reject per row."""
     if columns and columns["record"].size:
-        yield slabs.rejects(columns["record"], reason)
+        yield batches.rejects(columns["record"], reason)
 
 
 def refused(
@@ -133,7 +133,7 @@ def refused(
     kept, given = np.ones(records.size, bool), []
     for mask, reason in refusals:
         if (mask & kept).any():
-            given.append(slabs.rejects(records[mask & kept], f"{topic}: {reason}"))
+            given.append(batches.rejects(records[mask & kept], f"{topic}: {reason}"))
         kept &= ~mask
     return kept, given
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from spoofbench.conversion import Reject, Rejects
 from spoofbench.errors import LimitError
 
-SLAB_MESSAGES = 16_384
-SLAB_BYTES = 16_777_216
+BATCH_MESSAGES = 16_384
+BATCH_BYTES = 16_777_216
 MAX_TOPICS = 4096
 MAX_MESSAGE_BYTES = 16_384
 _SAME_CLOCK_NS = 1_000_000_000
@@ -20,7 +20,7 @@ _Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class BagTopic:
     """One topic of a bag.
 
     Attributes:
@@ -41,7 +41,7 @@ class Topic:
 
 
 @dataclass(frozen=True, slots=True)
-class Payloads:
+class TopicMessages:
     """Successive messages of one topic.
 
     Attributes:
@@ -74,7 +74,7 @@ class Payloads:
 
 
 @dataclass(slots=True)
-class Slab:
+class MessageBatch:
     """Successive messages of a bag.
 
     Attributes:
@@ -83,12 +83,12 @@ class Slab:
         rejects: messages that cannot be handed on.
     """
 
-    wanted: dict[int, Payloads] = field(default_factory=dict)
+    wanted: dict[int, TopicMessages] = field(default_factory=dict)
     others: dict[int, tuple[int, int]] = field(default_factory=dict)
     rejects: list[Reject | Rejects] = field(default_factory=list)
 
 
-class Log(Protocol):
+class MessageLog(Protocol):
     """An open bag, or one file of it.
 
     Attributes:
@@ -99,7 +99,7 @@ class Log(Protocol):
     """
 
     @property
-    def topics(self) -> tuple[Topic, ...]: ...
+    def topics(self) -> tuple[BagTopic, ...]: ...
 
     @property
     def unverified(self) -> int: ...
@@ -110,7 +110,7 @@ class Log(Protocol):
     @property
     def expected(self) -> int: ...
 
-    def slabs(self, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
+    def batches(self, wanted: frozenset[int]) -> Iterator[MessageBatch | Reject]:
         """Yield all messages in bag order; of the topics that are not wanted, only how many there
         are.
         """
@@ -122,7 +122,7 @@ class Log(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Messages:
+class RawMessages:
     """Successive messages, where they lie in ``octets``; ``numbers`` are those of their topics;
     ``(n,)`` each.
     """
@@ -134,32 +134,32 @@ class Messages:
     lengths: _Integers
 
 
-def slab_of(messages: Messages, first: int, wanted: frozenset[int]) -> Slab:
+def batch_of(messages: RawMessages, first: int, wanted: frozenset[int]) -> MessageBatch:
     """Return messages by topic, the first of which has this ordinal in the bag."""
-    slab = Slab()
+    batch = MessageBatch()
     order = np.argsort(messages.numbers, kind="stable")
     for mine in np.split(order, np.flatnonzero(np.diff(messages.numbers[order])) + 1):
         if not mine.size:
             continue
         number = int(messages.numbers[mine[0]])
         if number not in wanted:
-            slab.others[number] = (mine.size, first + int(mine[0]))
+            batch.others[number] = (mine.size, first + int(mine[0]))
             continue
         long = messages.lengths[mine] > MAX_MESSAGE_BYTES
         if long.any():
-            slab.rejects.append(
+            batch.rejects.append(
                 rejects(first + mine[long], f"a message has more than {MAX_MESSAGE_BYTES:,} bytes")
             )
             mine = mine[~long]
         if mine.size:
-            slab.wanted[number] = Payloads(
+            batch.wanted[number] = TopicMessages(
                 messages.octets,
                 messages.starts[mine],
                 messages.lengths[mine],
                 first + mine,
                 messages.stamps_ns[mine],
             )
-    return slab
+    return batch
 
 
 def rejects(records: _Integers, reason: str) -> Rejects:
@@ -168,7 +168,7 @@ def rejects(records: _Integers, reason: str) -> Rejects:
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
+class LostMessages:
     """So many messages that cannot be read, and why."""
 
     count: int
@@ -187,10 +187,10 @@ class ChunkedLog:
     def __init__(self) -> None:
         self.records = self.expected = self.unverified = 0
         self._numbers: dict[tuple[str, str, str], int] = {}
-        self._topics: list[Topic] = []
+        self._topics: list[BagTopic] = []
 
     @property
-    def topics(self) -> tuple[Topic, ...]:
+    def topics(self) -> tuple[BagTopic, ...]:
         """All topics."""
         return tuple(self._topics)
 
@@ -204,52 +204,54 @@ class ChunkedLog:
         if number == len(self._topics):
             if number >= MAX_TOPICS:
                 raise LimitError(f"the bag declares more than {MAX_TOPICS:,} topics")
-            self._topics.append(Topic(number, name, kind, encoding, definition, form))
+            self._topics.append(BagTopic(number, name, kind, encoding, definition, form))
         return number
 
-    def parts(self) -> Iterator[Messages | Lost]:
+    def parts(self) -> Iterator[RawMessages | LostMessages]:
         """Yield what is in the chunks, in file order."""
         raise NotImplementedError
 
-    def slabs(self, wanted: frozenset[int]) -> Iterator[Slab | Reject]:
-        """See :class:`Log`."""
-        filling = _Filling()
+    def batches(self, wanted: frozenset[int]) -> Iterator[MessageBatch | Reject]:
+        """See :class:`MessageLog`."""
+        filling = _BatchBuilder()
         for part in self.parts():
-            if isinstance(part, Messages) and not filling.add(part):
+            if isinstance(part, RawMessages) and not filling.add(part):
                 continue
             yield from self._poured(filling, wanted)
-            if isinstance(part, Lost):
+            if isinstance(part, LostMessages):
                 yield Reject(self.records, part.count, part.reason)
                 self.records += part.count
         yield from self._poured(filling, wanted)
 
-    def _poured(self, filling: "_Filling", wanted: frozenset[int]) -> Iterator[Slab]:
+    def _poured(self, filling: "_BatchBuilder", wanted: frozenset[int]) -> Iterator[MessageBatch]:
         if filling.parts:
             messages = filling.pour()
-            yield slab_of(messages, self.records, wanted)
+            yield batch_of(messages, self.records, wanted)
             self.records += messages.numbers.size
 
 
-class _Filling:
+class _BatchBuilder:
     """Messages of successive chunks, put together until they are worth handing on."""
 
     def __init__(self) -> None:
-        self.parts: list[Messages] = []
+        self.parts: list[RawMessages] = []
 
-    def add(self, messages: Messages) -> bool:
+    def add(self, messages: RawMessages) -> bool:
         """Take a chunk's messages; return whether it is enough."""
         if messages.numbers.size:
             self.parts.append(messages)
         count = sum(part.numbers.size for part in self.parts)
-        return count >= SLAB_MESSAGES or sum(part.octets.size for part in self.parts) >= SLAB_BYTES
+        return (
+            count >= BATCH_MESSAGES or sum(part.octets.size for part in self.parts) >= BATCH_BYTES
+        )
 
-    def pour(self) -> Messages:
+    def pour(self) -> RawMessages:
         """Return what was taken, and start anew."""
         parts, self.parts = self.parts, []
         if len(parts) == 1:
             return parts[0]
         bases = np.cumsum([0, *(part.octets.size for part in parts[:-1])]).tolist()
-        return Messages(
+        return RawMessages(
             np.concatenate([part.octets for part in parts]),
             np.concatenate([part.numbers for part in parts]),
             np.concatenate([part.stamps_ns for part in parts]),
