@@ -11,7 +11,7 @@ NO_LOGS = (".chk", ".md", ".msg", ".tag")
 
 
 @dataclass(frozen=True, slots=True)
-class Log:
+class LogFile:
     """A log: its path, its name within the folder, the manifest's row on it, and the format and
     options to convert it with.
     """
@@ -23,7 +23,7 @@ class Log:
     format: str | None = None
 
 
-def logs(folder: Path) -> Iterator[Log]:
+def logs(folder: Path) -> Iterator[LogFile]:
     """Yield the logs in a folder, in the order of their names.
 
     Definitions, companions and other parsers' answers are none. ``options.toml`` beside this file
@@ -44,4 +44,4 @@ def logs(folder: Path) -> Iterator[Log]:
             for name, text in options.get(path.name, {}).items()
         }
         form = given.pop("format", None)
-        yield Log(path, path.relative_to(folder).as_posix(), rows.get(path, {}), given, form)
+        yield LogFile(path, path.relative_to(folder).as_posix(), rows.get(path, {}), given, form)

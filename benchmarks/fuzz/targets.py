@@ -10,8 +10,8 @@ from spoofbench.codec import read, validate
 from spoofbench.conversion import Source
 from spoofbench.errors import SpoofbenchError
 from spoofbench.testing.converter_cases import (
+    ConverterOutcome,
     ConverterUnderTest,
-    Outcome,
     TrickledSource,
     differing,
 )
@@ -67,7 +67,7 @@ def _check_mcap(path: Path) -> None:
                 _ = recording[topic]
 
 
-def _check_account(subject: ConverterUnderTest, found: Outcome) -> None:
+def _check_account(subject: ConverterUnderTest, found: ConverterOutcome) -> None:
     if found.error is not None:
         return
     if (

@@ -158,7 +158,7 @@ MAX_STEPS = 1000
 _WINDOW_NS = 1_000_000_000  # as of TimeSorter: less is sorted in
 
 
-class ClockSteps:
+class RecorderJumps:
     """Finds the jumps back of the recorder's stamps over all topics, in the bag's order; a lone
     stamp that leaps ahead makes none.
     """

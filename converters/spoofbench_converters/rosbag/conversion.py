@@ -9,7 +9,7 @@ from spoofbench.conversion import Item, Reject, SourceMetadata
 from spoofbench.errors import ConversionError
 from spoofbench_converters.rosbag import aspn23, batches, definitions, mapped
 from spoofbench_converters.rosbag.batches import BagTopic, MessageBatch, TopicMessages
-from spoofbench_converters.rosbag.clocks import ClockSteps
+from spoofbench_converters.rosbag.clocks import RecorderJumps
 from spoofbench_converters.rosbag.contract import MessageReader, Options
 from spoofbench_converters.rosbag.definitions import Definitions
 from spoofbench_converters.rosbag.layouts import ENCODINGS, Decoder
@@ -39,7 +39,7 @@ class Conversion:
         self._decoders: dict[int, Decoder] = {}
         self._declined: dict[int, str] = {}
         self._unknown: dict[int, tuple[int, int]] = {}
-        self._steps = ClockSteps(options.append_clock)
+        self._steps = RecorderJumps(options.append_clock)
         readable = [topic for topic in topics if topic.encoding in ENCODINGS]
         given = (
             {}

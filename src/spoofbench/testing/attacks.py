@@ -49,7 +49,7 @@ _SEEDS = (0, 1)
 
 
 @dataclass(frozen=True, slots=True)
-class Variant:
+class AttackCase:
     """One attacked recording beside the clean one."""
 
     name: str
@@ -84,9 +84,9 @@ class AttackUnderTest:
         return made
 
     @cached_property
-    def variants(self) -> tuple[Variant, ...]:
+    def variants(self) -> tuple[AttackCase, ...]:
         """What the attack makes of the examples that it can be made on."""
-        made: list[Variant] = []
+        made: list[AttackCase] = []
         for name, (clean, donors) in examples().items():
             for seed in _SEEDS:
                 try:
@@ -96,7 +96,7 @@ class AttackUnderTest:
                     attacked = make_variant(self.name, self.attack, clean, window, seed, donors)
                 except NotApplicable:
                     continue
-                made.append(Variant(name, clean, donors, window, seed, attacked))
+                made.append(AttackCase(name, clean, donors, window, seed, attacked))
         return tuple(made)
 
 
@@ -186,7 +186,7 @@ def stays_within_its_truth(subject: AttackUnderTest) -> None:
         require(within, f"on {variant.name}, {found!r} is not within the window {variant.window!r}")
 
 
-def _attacked_topics(variant: Variant) -> list[str]:
+def _attacked_topics(variant: AttackCase) -> list[str]:
     return [
         topic
         for topic in variant.attacked

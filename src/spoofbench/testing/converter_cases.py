@@ -59,11 +59,11 @@ class ConverterUnderTest:
         return loaded
 
     @cached_property
-    def wholes(self) -> Mapping[Path, "Outcome"]:
+    def wholes(self) -> Mapping[Path, "ConverterOutcome"]:
         """What comes of each sample as it is."""
         return {path: self.convert(path) for path in self.samples}
 
-    def streams(self) -> Iterator[tuple[Path, bytes, "Outcome"]]:
+    def streams(self) -> Iterator[tuple[Path, bytes, "ConverterOutcome"]]:
         """Yield the samples that are files, with their bytes as they are stored, and what comes of
         them whole.
         """
@@ -71,7 +71,7 @@ class ConverterUnderTest:
             if path.is_file():
                 yield path, path.read_bytes(), whole
 
-    def convert(self, path: Path, source: type[Source] = Source) -> "Outcome":
+    def convert(self, path: Path, source: type[Source] = Source) -> "ConverterOutcome":
         """Convert a log and return what comes of it.
 
         Raises:
@@ -79,7 +79,7 @@ class ConverterUnderTest:
         """
         return outcome(self.converter, path, self.options, source)
 
-    def convert_bytes(self, name: str, log: bytes) -> "Outcome":
+    def convert_bytes(self, name: str, log: bytes) -> "ConverterOutcome":
         """Convert a log of these bytes, called so, and return what comes of it."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, name)
@@ -108,7 +108,7 @@ class ConverterUnderTest:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ConverterOutcome:
     """What a conversion yielded.
 
     Attributes:
@@ -179,7 +179,7 @@ def differing(one: Mapping[str, str], other: Mapping[str, str]) -> str:
 
 def outcome(
     converter: Converter, path: Path, options: Mapping[str, Any], source: type[Source] = Source
-) -> Outcome:
+) -> ConverterOutcome:
     """Convert a log and return what comes of it.
 
     Raises:
@@ -233,8 +233,8 @@ class _Gathered:
                 self.facts.setdefault(name, {}).update(record)
         elif not isinstance(item, SizeHint):
             raise CheckFailed(
-                "convert() must yield Block, Used, Reject, Rejects, SourceMetadata or SizeHint, not "
-                f"{type(item).__name__}"
+                "convert() must yield Block, Used, Reject, Rejects, SourceMetadata or "
+                f"SizeHint, not {type(item).__name__}"
             )
 
     def _add_rows(self, block: Block) -> None:
@@ -250,8 +250,8 @@ class _Gathered:
         self.used += int(block.used)
         self.parts.setdefault(block.topic, []).append(block.table)
 
-    def outcome(self, size: int | None, error: str | None) -> Outcome:
-        return Outcome(
+    def outcome(self, size: int | None, error: str | None) -> ConverterOutcome:
+        return ConverterOutcome(
             MappingProxyType(self.parts),
             self.used,
             merged(self.runs),

@@ -29,8 +29,8 @@ from spoofbench.conversion import Converter
 from spoofbench.schema import split_topic
 from spoofbench.table import Table
 from spoofbench.testing.converter_cases import (
+    ConverterOutcome,
     ConverterUnderTest,
-    Outcome,
     TrickledSource,
     differing,
 )
@@ -211,13 +211,13 @@ def says_what_can_be(subject: ConverterUnderTest) -> None:
             )
             require(
                 texts,
-                f"the metadata {name!r} of {path.name!r} must be text by text, not {dict(record)!r}",
+                f"metadata {name!r} of {path.name!r} must be text by text, not {dict(record)!r}",
             )
         for topic in whole.tables:
             source = f"source/{split_topic(topic)[0] or 'reference'}"
             require(
                 bool(whole.facts.get(source)),
-                f"nothing says what {topic} of {path.name!r} is: yield SourceMetadata with {source!r}",
+                f"nothing says what {topic} of {path.name!r} is: yield metadata of {source!r}",
             )
 
 
@@ -250,7 +250,7 @@ def accounts_for_every_unit(subject: ConverterUnderTest) -> None:
                 )
 
 
-def _require_account(subject: ConverterUnderTest, found: Outcome, what: str) -> None:
+def _require_account(subject: ConverterUnderTest, found: ConverterOutcome, what: str) -> None:
     if found.error is not None:
         return
     for offset, length, reason in found.rejects:

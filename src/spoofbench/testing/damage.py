@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from spoofbench.table import Table
-from spoofbench.testing.converter_cases import ConverterUnderTest, Outcome
+from spoofbench.testing.converter_cases import ConverterOutcome, ConverterUnderTest
 from spoofbench.testing.isolation import convert_alone
 from spoofbench.testing.kit import require
 
@@ -47,7 +47,9 @@ def keeps_what_stands_before_a_cut(subject: ConverterUnderTest) -> None:
                 require(cut.rows >= least, f"{what} gives {cut.rows} rows of {whole.rows}")
 
 
-def _require_before(whole: Outcome, damaged: Outcome, latest_ns: int | None, what: str) -> None:
+def _require_before(
+    whole: ConverterOutcome, damaged: ConverterOutcome, latest_ns: int | None, what: str
+) -> None:
     if latest_ns is None:
         return
     sure_ns = latest_ns - int(HELD_S * 1e9)

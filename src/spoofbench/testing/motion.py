@@ -18,7 +18,7 @@ _LATERAL_LIMIT_MPS2 = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class VehicleMotion:
     """True motion every 10 ms; body frame forward-right-down, roll zero.
 
     Attributes:
@@ -39,7 +39,7 @@ class Motion:
     angular_rate_radps: Floats
 
 
-def make_motion(rng: np.random.Generator, duration_s: float) -> Motion:
+def make_motion(rng: np.random.Generator, duration_s: float) -> VehicleMotion:
     """Draw a drive: parked for the first 10 s, then legs of 12 to 30 s with a stop after every
     other one.
     """
@@ -56,7 +56,7 @@ def make_motion(rng: np.random.Generator, duration_s: float) -> Motion:
         [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch)]
     )
     attitude = np.column_stack([np.zeros_like(pitch), pitch, yaw])
-    return Motion(
+    return VehicleMotion(
         time_s, velocity, _positions(rng, velocity), attitude, *_inertial(velocity, attitude)
     )
 

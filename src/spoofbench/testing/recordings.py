@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spoofbench.recording import Recording
 from spoofbench.schema import SCHEMA_VERSION
 from spoofbench.table import Table
-from spoofbench.testing.motion import Floats, Motion, make_motion
+from spoofbench.testing.motion import Floats, VehicleMotion, make_motion
 
 START_NS = 1_700_000_000_000_000_000
 _SATELLITES = 8
@@ -111,7 +111,7 @@ def _epochs(rng: np.random.Generator, duration_s: float, rate_hz: float, flaws: 
     return time_s + rng.uniform(-2e-3, 2e-3, time_s.size)
 
 
-def _imu(rng: np.random.Generator, motion: Motion, flaws: bool) -> Table:
+def _imu(rng: np.random.Generator, motion: VehicleMotion, flaws: bool) -> Table:
     time_s = motion.time_s[1:]
     moving = np.linalg.norm(motion.velocity_mps[1:], axis=1, keepdims=True)
     force = (
@@ -135,7 +135,7 @@ def _imu(rng: np.random.Generator, motion: Motion, flaws: bool) -> Table:
 
 
 def _receiver(
-    rng: np.random.Generator, source: str, motion: Motion, time_s: Floats, flaws: bool
+    rng: np.random.Generator, source: str, motion: VehicleMotion, time_s: Floats, flaws: bool
 ) -> dict[str, Table]:
     n, time_ns = time_s.size, _at(time_s)
     fix = np.full(n, _FIX_3D)
@@ -210,7 +210,7 @@ def _receiver(
     return {f"/{source}/{kind}": table for kind, table in tables.items()}
 
 
-def _aiding(rng: np.random.Generator, motion: Motion) -> dict[str, Table]:
+def _aiding(rng: np.random.Generator, motion: VehicleMotion) -> dict[str, Table]:
     rows = np.arange(10, motion.time_s.size, 10)
     time_ns, yaw = _at(motion.time_s[rows]), motion.attitude_rad[rows, 2]
     field = {
@@ -227,7 +227,7 @@ def _aiding(rng: np.random.Generator, motion: Motion) -> dict[str, Table]:
     }
 
 
-def _pva(kind: str, motion: Motion, rows: NDArray[np.intp]) -> Table:
+def _pva(kind: str, motion: VehicleMotion, rows: NDArray[np.intp]) -> Table:
     names = (
         "lat_deg",
         "lon_deg",
@@ -245,7 +245,7 @@ def _pva(kind: str, motion: Motion, rows: NDArray[np.intp]) -> Table:
     return Table(kind, _at(motion.time_s[rows]), dict(zip(names, values.T, strict=True)))
 
 
-def _interpolate(time_s: Floats, motion: Motion, values: Floats) -> Floats:
+def _interpolate(time_s: Floats, motion: VehicleMotion, values: Floats) -> Floats:
     return np.column_stack([np.interp(time_s, motion.time_s, column) for column in values.T])
 
 

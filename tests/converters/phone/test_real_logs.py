@@ -11,7 +11,7 @@ from spoofbench_converters import phone
 
 from spoofbench.recording import Recording
 from spoofbench.table import Table
-from spoofbench.testing.converter_cases import Outcome, outcome
+from spoofbench.testing.converter_cases import ConverterOutcome, outcome
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -38,19 +38,19 @@ LOGS = {
 
 
 @pytest.fixture(scope="module", params=LOGS)
-def log(request: pytest.FixtureRequest, shared: Path) -> tuple[Expected, Outcome]:
+def log(request: pytest.FixtureRequest, shared: Path) -> tuple[Expected, ConverterOutcome]:
     expected = LOGS[request.param]
     return expected, outcome(phone, shared / request.param, expected.options)
 
 
-def test_every_byte_is_accounted_for(log: tuple[Expected, Outcome]) -> None:
+def test_every_byte_is_accounted_for(log: tuple[Expected, ConverterOutcome]) -> None:
     _, found = log
     assert found.error is None
     assert found.used + found.skipped == found.size
     assert found.skipped < 1000
 
 
-def test_the_track_is_that_of_the_manifest(log: tuple[Expected, Outcome]) -> None:
+def test_the_track_is_that_of_the_manifest(log: tuple[Expected, ConverterOutcome]) -> None:
     expected, found = log
     pvt = found.tables["/gnss0/gnss/pvt"]
     north, east = np.radians(pvt["lat_deg"]), np.radians(pvt["lon_deg"])
@@ -60,7 +60,7 @@ def test_the_track_is_that_of_the_manifest(log: tuple[Expected, Outcome]) -> Non
     assert np.nanmax(pvt["speed_mps"]) == pytest.approx(expected.max_speed_mps, abs=0.1)
 
 
-def test_specific_force_is_gravity_on_the_whole(log: tuple[Expected, Outcome]) -> None:
+def test_specific_force_is_gravity_on_the_whole(log: tuple[Expected, ConverterOutcome]) -> None:
     for topic, table in log[1].tables.items():
         if topic.endswith("/imu") and table.has("accel_x_mps2"):
             assert np.median(
@@ -68,7 +68,7 @@ def test_specific_force_is_gravity_on_the_whole(log: tuple[Expected, Outcome]) -
             ) == pytest.approx(9.81, abs=0.35)
 
 
-def test_turning_agrees_with_the_course(log: tuple[Expected, Outcome]) -> None:
+def test_turning_agrees_with_the_course(log: tuple[Expected, ConverterOutcome]) -> None:
     """Within a lag of 2.5 s: phones' location is late. About up, given by the specific force
     smoothed over 2 s.
     """

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spoofbench_converters.rosbag.batches import TopicMessages
-from spoofbench_converters.rosbag.clocks import AGREE_NS, DAY_NS, ClockSteps, OffsetMeter, decide
+from spoofbench_converters.rosbag.clocks import AGREE_NS, DAY_NS, OffsetMeter, RecorderJumps, decide
 
 Convert = Callable[..., Any]
 
@@ -168,7 +168,7 @@ def test_jumps_do_not_depend_on_pieces() -> None:
     numbers, records = rng.integers(0, 3, 400), np.arange(400)
 
     def joined(cuts: list[int]) -> tuple[list[int], dict[str, str]]:
-        steps, told = ClockSteps(append=True), np.zeros(400, np.int64)
+        steps, told = RecorderJumps(append=True), np.zeros(400, np.int64)
         for part in np.split(records, cuts):
             empty = np.empty(0, np.int64)
             wanted = {
