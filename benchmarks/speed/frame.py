@@ -86,7 +86,7 @@ def report(results: Sequence[Result]) -> Iterator[str]:
     for result in results:
         ratio = "-" if result.ratio is None else f"{result.ratio:.1f}x"
         peer_ms = "-" if result.peer_ms is None else f"{result.peer_ms:.1f}"
-        yield (f"{result.job:<24}{result.peer:<16}{ratio:>9}{result.ours_ms:>12.1f}{peer_ms:>12}")
+        yield f"{result.job:<24}{result.peer:<16}{ratio:>9}{result.ours_ms:>12.1f}{peer_ms:>12}"
 
 
 def save(results: Sequence[Result], path: Path) -> None:
