@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.conversion import Item, Rejects, RowBatch, SourceMetadata, Used
-from spoofbench.gnss_time import GPS_EPOCH_NS, SECOND_NS, leap_seconds_at_gps
+from spoofbench.gnss_time import utc_to_gps
 from spoofbench.schema import split_topic
 from spoofbench.table import Column
 from spoofbench_converters.phone import android, gnsslogger_format
@@ -355,8 +355,7 @@ _ABOUT = {
 
 def _claimed_time(claimed: Stamps) -> Fields:
     """Return GPS week and time of week of the Unix time that the receiver claims."""
-    gps_ns = claimed[0] - GPS_EPOCH_NS
-    gps_ns += leap_seconds_at_gps(gps_ns) * SECOND_NS
+    gps_ns = utc_to_gps(claimed[0])
     known = claimed[1] & (gps_ns > 0)
     week, tow = android.week_and_tow(np.where(known, gps_ns, 0))
     return {"gps_week": Column(week, known), "tow_s": np.where(known, tow, np.nan)}

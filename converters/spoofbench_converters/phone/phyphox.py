@@ -8,7 +8,6 @@ point up at rest on every phone; heights are above mean sea level unless a colum
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import UTC, datetime
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +27,7 @@ from spoofbench_converters.phone.files import (
 )
 from spoofbench_converters.phone.merging import MergedTopic, merge
 from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader
+from spoofbench_converters.text.numbers import moment_ns
 
 _MPS2 = r"\(m/s(\^?2|²)\)"
 _TIME = re.compile(r"(time|zeit|t) \(s\)", re.IGNORECASE)
@@ -208,9 +208,15 @@ class ExperimentClock(NamedTuple):
 
 def _clock(part: LogFile | None, options: Options) -> ExperimentClock:
     if options.date is not None:
-        start = _date_ns(options.date)
+        try:
+            start_ns = moment_ns(options.date)
+        except ValueError:
+            raise ConversionError(
+                f"the date {options.date!r} is invalid; write it as 2024-05-31 or "
+                "2024-05-31T10:20:30Z"
+            ) from None
         return ExperimentClock(
-            np.array([0]), np.array([start]), "start as given", {"reference_date": options.date}
+            np.array([0]), np.array([start_ns]), "start as given", {"reference_date": options.date}
         )
     if part is None:
         raise ConversionError(
@@ -246,19 +252,6 @@ def _decimal_ns(seconds: str) -> int:
     if not value.is_finite() or abs(value) > 2**62:
         raise ArithmeticError(seconds)
     return int(value.to_integral_value())
-
-
-def _date_ns(date: str) -> int:
-    try:
-        given = datetime.fromisoformat(date)
-    except ValueError:
-        raise ConversionError(
-            f"the date {date!r} is not one; write it as 2024-05-31 or 2024-05-31T10:20:30Z"
-        ) from None
-    since = (given if given.tzinfo else given.replace(tzinfo=UTC)) - datetime(
-        1970, 1, 1, tzinfo=UTC
-    )
-    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
 def _device(part: LogFile | None) -> dict[str, str]:

@@ -30,6 +30,7 @@ from spoofbench_converters.phone.files import (
 )
 from spoofbench_converters.phone.merging import REPEATED, MergedTopic, in_file_order
 from spoofbench_converters.text.columns import NOT_A_NUMBER, ColumnReader
+from spoofbench_converters.text.numbers import unix_ns
 
 _SURVEY_ROWS = 100
 _OLDEST_FIX_NS = 2_000_000_000
@@ -238,7 +239,9 @@ def _survey(part: LogFile, schema: HeaderSchema) -> BootClock:
                 "its zone from the stamps since 1970",
             )
     unix = {
-        row: _nanoseconds(time, zone) for row in known_rows if (time := logged[row]) is not None
+        row: unix_ns(time if time.tzinfo else time - zone)
+        for row in known_rows
+        if (time := logged[row]) is not None
     }
     offsets: list[int] = []
     for sensor in _SENSORS:
@@ -261,13 +264,6 @@ def _read_time(text: str) -> datetime | None:
         return datetime.fromisoformat(re.sub(r"\s+([+-]\d\d:?\d\d)$", r"\1", text.strip()))
     except ValueError:
         return None
-
-
-def _nanoseconds(time: datetime, zone: timedelta) -> int:
-    """Return Unix time; one that names no zone is ahead of UTC by the one given."""
-    utc = time if time.tzinfo else time.replace(tzinfo=UTC) - zone
-    since = utc - datetime(1970, 1, 1, tzinfo=UTC)
-    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
 class _SensorLogConversion:

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from spoofbench.errors import ConversionError
 from spoofbench.gnss_time import DAY_NS, GPS_EPOCH_NS, SECOND_NS, gps_to_utc
-from spoofbench_converters.table.fields import TimeSpec, moment_ns
+from spoofbench_converters.table.fields import TimeSpec
 from spoofbench_converters.table.mapping import Anchor, TableSpec
 from spoofbench_converters.table.reading import rows
 from spoofbench_converters.table.session import TableSession
 from spoofbench_converters.table.text import CellBatch
 from spoofbench_converters.table.times import TableClock
+from spoofbench_converters.text.numbers import moment_ns
 
 TAGS = 1000
 TAG = np.dtype([("tick", "<u4"), ("octets", "<u4")])

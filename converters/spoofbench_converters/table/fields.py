@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import datetime, timedelta, timezone
 
 from spoofbench.schema import KINDS, Field, Kind
 from spoofbench_converters.table.settings import (
@@ -17,6 +17,7 @@ from spoofbench_converters.table.settings import (
     cells_as_text,
 )
 from spoofbench_converters.table.units import Unit, read_unit, unit_for
+from spoofbench_converters.text.numbers import moment_ns
 
 _DAY_NS = 86_400_000_000_000
 _EPOCHS = {
@@ -157,17 +158,6 @@ def _is_of_day(pattern: str) -> bool:
     return pattern != "iso" and not any(
         f"%{letter}" in pattern.replace("%%", "") for letter in "YyGcxDFsjdmbB"
     )
-
-
-def moment_ns(text: str) -> int:
-    """Return the Unix time of an ISO date or time; without zone it is UTC.
-
-    Raises:
-        ValueError: it is none.
-    """
-    moment = datetime.fromisoformat(text)
-    aware = moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment
-    return (aware - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1000
 
 
 def _zone(text: str) -> timezone:

@@ -1,6 +1,9 @@
-"""Cells as numbers and words: whole columns at once, times exact to the nanosecond."""
+"""Cells as numbers and words: whole columns at once, times exact to the nanosecond; and one text as
+a moment.
+"""
 
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from decimal import ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
 from typing import Any, NamedTuple
 
@@ -278,3 +281,18 @@ def words(cells: TextCells, longest: int = 32) -> NDArray[np.bytes_]:
         return np.zeros(lengths.size, f"S{width}")
     places = np.where(within, cells.starts[:, None] + reach, 0)
     return np.where(within, cells.octets[places], np.uint8(0)).view(f"S{width}").reshape(-1)
+
+
+def moment_ns(text: str) -> int:
+    """Return the Unix time of an ISO date or time; without zone it is UTC.
+
+    Raises:
+        ValueError: it is none.
+    """
+    return unix_ns(datetime.fromisoformat(text))
+
+
+def unix_ns(moment: datetime) -> int:
+    """Return the Unix time of a moment; without zone it is UTC."""
+    aware = moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment
+    return (aware - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1000

@@ -445,7 +445,7 @@ def test_an_experiment_without_time_needs_a_date(
     (tmp_path / "meta" / "time.csv").unlink()
     with pytest.raises(ConversionError, match="--date"):
         converted(tmp_path)
-    with pytest.raises(ConversionError, match="is not one"):
+    with pytest.raises(ConversionError, match="is invalid"):
         converted(tmp_path, date="yesterday")
     found = converted(tmp_path, date="2023-11-14T22:13:20+00:00")
     assert found["/imu0/imu"].time_ns[0] == 1_700_000_000 * SECOND_NS
