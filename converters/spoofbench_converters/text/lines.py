@@ -19,6 +19,7 @@ BOM = b"\xef\xbb\xbf"
 
 LF, CR, TAB, BLANK, QUOTE = b'\n\r\t "'
 _MASK = np.uint8(ord("?"))
+_MAX_PLAIN = ord("~")
 
 
 class Cut(Protocol):
@@ -202,14 +203,23 @@ def _cut(octets: NDArray[np.uint8], base: int, delimiter: int, is_first: bool) -
         starts[0] = len(BOM)
     delimiters = np.flatnonzero(octets == delimiter)
     plain, is_text = octets, _between_quotes(octets, delimiters, firsts)
-    odd = (octets > 126) | ((octets < BLANK) & (octets != LF) & (octets != TAB))
-    odd[ends[ends < line_ends]] = False
-    if is_text.any() or odd.any():
+    ended_by_cr = int(np.count_nonzero(ends < line_ends))
+    if int(octets.max()) > _MAX_PLAIN or is_text.any() or _controls(octets) > ended_by_cr:
+        odd = (octets > _MAX_PLAIN) | ((octets < BLANK) & (octets != LF) & (octets != TAB))
+        odd[ends[ends < line_ends]] = False
         plain = np.where(odd, _MASK, octets)
         plain[delimiters[is_text]] = _MASK
         delimiters = delimiters[~is_text]
     cells = np.diff(np.searchsorted(delimiters, np.append(firsts, octets.size))) + 1
     return Lines(octets, plain, starts, ends, base + firsts, lengths, cells)
+
+
+def _controls(octets: NDArray[np.uint8]) -> int:
+    """Return how many control characters there are beside line feeds and tabs."""
+    return sum(
+        sign * int(np.count_nonzero(found))
+        for sign, found in ((1, octets < BLANK), (-1, octets == LF), (-1, octets == TAB))
+    )
 
 
 def _between_quotes(
