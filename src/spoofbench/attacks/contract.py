@@ -233,12 +233,12 @@ def parameters_of(name: str, attack: Attack) -> str:
             f"attack {name!r} is not an instance of a dataclass with all members of "
             "spoofbench.attacks.Attack"
         )
-    strange = sorted(
+    unknown = sorted(
         kind for kind in attack.models if kind not in KINDS or not KINDS[kind].is_gnss_derived
     )
-    if strange:
+    if unknown:
         raise PluginError(
-            f"attack {name!r} models {strange[0]!r}, which is not a GNSS-derived kind of the schema"
+            f"attack {name!r} models {unknown[0]!r}, which is not a GNSS-derived kind of the schema"
         )
     if not (np.isfinite(attack.strength) and attack.strength >= 0):
         raise PluginError(
@@ -279,10 +279,10 @@ def _apply(
             )
         # copies: what a stranger does to its arguments must not reach the rows that its result is
         # compared with
-        own, *others = (
+        clean_copy, *donor_copies = (
             Recording(dict(recording), recording.metadata) for recording in (clean, *donors)
         )
-        attacked = attack.apply(own, window, rng, others)
+        attacked = attack.apply(clean_copy, window, rng, donor_copies)
     except SpoofbenchError:
         raise
     except Exception as error:  # a plugin may raise anything
