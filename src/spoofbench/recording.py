@@ -62,7 +62,7 @@ class Interval:
         return (self.end_ns - self.start_ns) / 1e9
 
     def covers(self, time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which of these times lie within."""
+        """Which of these times, ``(n,)``, lie within."""
         return (time_ns >= self.start_ns) & (time_ns < self.end_ns)
 
 

@@ -32,8 +32,8 @@ class Column:
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
-    """Return the array as a read-only view of immutable bytes, without a copy where it is one
-    already.
+    """Return an array of any shape as a read-only view of immutable bytes, without a copy where it
+    is one already.
     """
     root: Any = array
     while isinstance(root, np.ndarray):

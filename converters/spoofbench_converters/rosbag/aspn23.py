@@ -264,7 +264,7 @@ def _covariance(rows: NDArray[Any], name: str, *, flip_third: bool) -> Columns:
 
 
 def degrees(radians: NDArray[Any]) -> NDArray[np.float64]:
-    """Return degrees; where a decimal of nine places converts to precisely these radians, that
+    """Return degrees, of any shape; where a decimal of nine places converts to precisely these radians, that
     decimal.
 
     Receivers say degrees in decimals and recorders turn them to radians: this undoes it without

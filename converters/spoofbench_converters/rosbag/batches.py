@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -258,14 +258,3 @@ class _BatchBuilder:
             np.concatenate([part.starts + base for part, base in zip(parts, bases, strict=True)]),
             np.concatenate([part.lengths for part in parts]),
         )
-
-
-def gather(octets: NDArray[np.uint8], code: str, places: _Integers) -> _Integers:
-    """Return the integers of a type that start at these places, as int64 ``(n,)``; above its range
-    they are negative.
-    """
-    size = np.dtype(code).itemsize
-    if not places.size:
-        return np.empty(0, np.int64)
-    every: NDArray[Any] = np.ndarray(octets.size - size + 1, code, octets, strides=(1,))
-    return every[places].astype(np.int64)

@@ -119,7 +119,7 @@ class MessageReader(Protocol):
 
 
 def rejects(columns: Mapping[str, NDArray[Any]], reason: str) -> Iterator[Rejects]:
-    """Yield one reject per row."""
+    """Yield one reject per row of columns ``(n,)``."""
     if columns and columns["record"].size:
         yield batches.rejects(columns["record"], reason)
 
@@ -127,8 +127,8 @@ def rejects(columns: Mapping[str, NDArray[Any]], reason: str) -> Iterator[Reject
 def refused(
     refusals: Sequence[Refusal], records: NDArray[np.int64], topic: str
 ) -> tuple[NDArray[np.bool_], list[Rejects]]:
-    """Return which messages are left, and the rejects: a message is refused for the first reason
-    that applies.
+    """Return which messages are left, ``(n,)``, and the rejects: a message is refused for the first
+    reason that applies.
     """
     kept, given = np.ones(records.size, bool), []
     for mask, reason in refusals:
@@ -139,8 +139,8 @@ def refused(
 
 
 def in_bag_order(pieces: Sequence[Columns]) -> Columns:
-    """Return the rows of pieces with the same columns by ``record``; rows of one record keep their
-    order.
+    """Return the rows of pieces, whose columns are the same and ``(n,)`` each, by ``record``; rows of
+    one record keep their order.
     """
     if len(pieces) == 1:
         return pieces[0]

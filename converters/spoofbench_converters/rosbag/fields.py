@@ -86,7 +86,7 @@ class Fields:
         )
 
     def texts(self, path: str) -> NDArray[np.str_]:
-        """Return a text of each message, empty where absent."""
+        """Return a text of each message, ``(n,)``, empty where absent."""
         path = self._prefix + path
         if path not in self._names or self._rows[path].dtype.kind != "S":
             return np.full(len(self), "", "U1")
@@ -103,7 +103,7 @@ class Fields:
 
 
 def numbers(texts: NDArray[np.bytes_]) -> Floats:
-    """Return the numbers that texts say, NaN where they say none."""
+    """Return the numbers in texts, ``(n,)``, NaN where there is none."""
     words, inverse = np.unique(texts, return_inverse=True)
     return np.array([_number(word) for word in words.tolist()], np.float64)[inverse.reshape(-1)]
 

@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from spoofbench.codec.records import gather
 from spoofbench.errors import ConversionError
-from spoofbench_converters.rosbag.batches import ChunkedLog, LostMessages, RawMessages, gather
+from spoofbench_converters.rosbag.batches import ChunkedLog, LostMessages, RawMessages
 from spoofbench_converters.rosbag.definitions import normal_name
 from spoofbench_converters.rosbag.layouts import windows
 from spoofbench_converters.rosbag.unpacking import MAX_CHUNK_BYTES, unpack
@@ -237,7 +238,7 @@ class Ros1Log(ChunkedLog):
         connection; learn of the connections.
         """
         parts: list[tuple[_Integers, _Integers, _Integers]] = []
-        lengths, strange = gather(octets, "<u4", starts), 0
+        lengths, strange = _numbers_at(octets, starts), 0
         for length in np.unique(lengths).tolist():
             index = np.flatnonzero(lengths == length)
             while index.size:
@@ -269,7 +270,7 @@ class Ros1Log(ChunkedLog):
             inverse
         ]
         return RawMessages(
-            octets, numbers, stamps, messages, gather(octets, "<u4", messages - 4)
+            octets, numbers, stamps, messages, _numbers_at(octets, messages - 4)
         ), strange
 
 
@@ -301,15 +302,21 @@ def number_of(fields: _Fields, name: bytes, size: int) -> int | None:
     return int.from_bytes(value, "little") if len(value) == size else None
 
 
+def _numbers_at(octets: NDArray[np.uint8], starts: _Integers) -> _Integers:
+    """Return the unsigned 32-bit numbers that start at these offsets, ``(n,)``."""
+    return gather(octets, "<u4", starts).astype(np.int64)
+
+
 def data_of(octets: NDArray[np.uint8], start: int) -> bytes:
+    """Return the data of the record that starts at this offset of ``(bytes,)``."""
     header = _U4.unpack_from(octets.data, start)[0]
     size = _U4.unpack_from(octets.data, start + 4 + header)[0]
     return octets[start + 8 + header : start + 8 + header + size].tobytes()
 
 
 def heads_of(heads: NDArray[np.uint8]) -> tuple[_Integers, _Integers, NDArray[np.bool_]]:
-    """Return connection and stamp of those message headers that are laid out as the first is, and
-    which those are.
+    """Return connection and stamp, ``(m,)``, of those message headers, ``(n, bytes)``, that are laid
+    out as the first is, and which those are, ``(n,)``.
     """
     first = heads[0].tobytes()
     values = {name: first.index(name + b"=") + len(name) + 1 for name in (b"conn", b"time")}
@@ -327,16 +334,16 @@ def heads_of(heads: NDArray[np.uint8]) -> tuple[_Integers, _Integers, NDArray[np
 
 
 def indexed(octets: NDArray[np.uint8], offsets: list[_Integers]) -> _Integers | None:
-    """Return where the index says that messages start if that is all there is in the chunk, else
-    None.
+    """Return where the index says that messages start, ``(n,)``, if that is all there is in the
+    chunk, else None.
     """
     starts = np.sort(np.concatenate(offsets)) if offsets else np.empty(0, np.int64)
     if not starts.size or starts[0] or starts[-1] > octets.size - 8:
         return None
-    data = starts + 4 + gather(octets, "<u4", starts)
+    data = starts + 4 + _numbers_at(octets, starts)
     if data.max() > octets.size - 4:
         return None
-    ends = data + 4 + gather(octets, "<u4", data)
+    ends = data + 4 + _numbers_at(octets, data)
     return starts if np.array_equal(ends, np.append(starts[1:], octets.size)) else None
 
 

@@ -210,8 +210,8 @@ class ImuStream:
         self._buffer = RowBuffer(topic_of(source, "imu"))
 
     def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject | Rejects]:
-        """Take the next rows in bag order; the first thousand wait until the interval is known from
-        them.
+        """Take the next rows, columns ``(n,)``, in bag order; the first thousand wait until the
+        interval is known from them.
         """
         del topic
         if self._interval_s is None:
@@ -288,7 +288,7 @@ class PvaStream:
         self._buffer = RowBuffer(topic_of(source, self._kind))
 
     def push(self, topic: str, columns: Columns) -> Iterator[Block | Reject | Rejects]:
-        """Take the next rows in bag order."""
+        """Take the next rows, columns ``(n,)``, in bag order."""
         del topic
         ready, refused = self._buffer.sort(row_batch(self._kind, columns))
         yield from _sorted(self._buffer, self.topics[0], ready, refused)
@@ -325,7 +325,7 @@ class PvtStream(PairStream):
     def push(  # type: ignore[override]
         self, topic: str, columns: Columns
     ) -> Iterator[Block | Rejects]:
-        """Take one topic's next rows in bag order."""
+        """Take one topic's next rows, columns ``(n,)``, in bag order."""
         yield from super().push(self._side[topic], row_batch(self.kind, columns))
 
     def about(self) -> dict[str, str]:

@@ -120,7 +120,7 @@ def map_file(path: Path) -> Octets:
 
 
 def messages_at(buffer: Octets, starts: Ints, where: str) -> MessageRecords:
-    """Return the message records that start at these offsets.
+    """Return the message records that start at these offsets, ``(n,)``.
 
     Raises:
         FormatError: one is too short to be a message.

@@ -49,7 +49,9 @@ class MessageEncoder(Protocol):
     def sizes(self) -> Ints: ...
 
     def encode(self, first: int, last: int, out: Octets, starts: Ints) -> None:
-        """Write the records of the rows ``[first, last)`` to ``out``, each at its start."""
+        """Write the records of the rows ``[first, last)`` to ``out``, each at its start,
+        ``(last - first,)``.
+        """
         ...
 
 
@@ -75,11 +77,14 @@ class TableEncoder:
 
     @cached_property
     def sizes(self) -> Ints:
+        """Bytes of each row's record, ``(n,)``."""
         sizes = np.array([layout.template.size for layout in self._layouts], np.int64)
         return sizes[self._which] if sizes.size > 1 else np.repeat(sizes, self.times_ns.size)
 
     def encode(self, first: int, last: int, out: Octets, starts: Ints) -> None:
-        """Write the records of the rows ``[first, last)`` to ``out``, each at its start."""
+        """Write the records of the rows ``[first, last)`` to ``out``, each at its start,
+        ``(last - first,)``.
+        """
         if len(self._layouts) == 1:
             layout, size = self._layouts[0], self._layouts[0].template.size
             if starts[-1] - starts[0] == (last - first - 1) * size:
@@ -244,7 +249,9 @@ class BytesEncoder:
         self.sizes = np.array([MESSAGE.itemsize + len(message) for message in messages], np.int64)
 
     def encode(self, first: int, last: int, out: Octets, starts: Ints) -> None:
-        """Write the records of the rows ``[first, last)`` to ``out``, each at its start."""
+        """Write the records of the rows ``[first, last)`` to ``out``, each at its start,
+        ``(last - first,)``.
+        """
         head = np.zeros(last - first, MESSAGE)
         head["opcode"], head["channel"] = Opcode.MESSAGE, self.channel_id
         head["length"] = self.sizes[first:last] - RECORD.size
@@ -263,7 +270,8 @@ def _scatter(out: Octets, starts: Ints, block: Octets) -> None:
 
 
 def location_fixes(frame_id: str, table: Table) -> tuple[Ints, list[bytes]]:
-    """Return the view of a ``gnss/pvt`` table for maps: times and encoded ``foxglove.LocationFix``.
+    """Return the view of a ``gnss/pvt`` table for maps: times ``(m,)`` and encoded
+    ``foxglove.LocationFix``.
 
     There is one for each row with latitude and longitude. Altitude is on the ellipsoid, NaN where
     absent; the covariance, row-major ENU in m^2, is given where all of it is known.

@@ -210,7 +210,9 @@ def gather(buffer: Octets, dtype: Any, starts: Ints) -> NDArray[Any]:
 
 
 def group_by_value(values: NDArray[Any]) -> Iterator[tuple[int, Indices | None]]:
-    """Yield each value and its indices, ascending; None where all values are the same."""
+    """Yield each value of ``(n,)`` and its indices ``(m,)``, ascending; None where all values are
+    the same.
+    """
     if not values.size:
         return
     if np.all(values == values[0]):

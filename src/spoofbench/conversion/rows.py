@@ -287,12 +287,12 @@ class TimeSorter:
 
 
 def take(columns: Mapping[str, NDArray[Any]], rows: Any) -> Columns:
-    """Return the rows that a slice, mask or index array selects."""
+    """Return the rows that a slice, mask ``(n,)`` or index array ``(m,)`` selects."""
     return {name: values[rows] for name, values in columns.items()}
 
 
 def join(first: Columns, second: Columns) -> Columns:
-    """Return the rows of both, the first one's first; either may be empty of columns."""
+    """Return the rows of both, ``(n,)`` and ``(m,)``, as ``(n + m,)``; either may be {}."""
     if not first or not second:
         return second or first
     return {name: np.concatenate([values, second[name]]) for name, values in first.items()}

@@ -77,7 +77,7 @@ class ArrayPool:
     _indices: dict[str, int] = field(default_factory=dict)
 
     def add(self, values: ArrayLike, dtype: str) -> int:
-        """Return the index in ``items`` of these values as little-endian ``dtype``."""
+        """Return the index in ``items`` of these values, ``(n,)``, as little-endian ``dtype``."""
         text = base64.b64encode(np.ascontiguousarray(values, dtype).tobytes()).decode()
         index = self._indices.setdefault(text, len(self.items))
         if index == len(self.items):

@@ -176,8 +176,8 @@ def futures(recording: Recording, time_ns: int) -> Iterator[tuple[str, Recording
 
 
 def cuts(time_ns: NDArray[np.int64], thorough: bool) -> list[int]:
-    """Choose times for :func:`futures` from the epochs: before all, at rows, 1 ns before and after,
-    between, at the end.
+    """Choose times for :func:`futures` from those of the epochs, ``(n,)``: before all, at rows,
+    1 ns before and after, between, at the end.
     """
     if not time_ns.size:
         return [0]
