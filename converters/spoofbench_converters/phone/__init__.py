@@ -11,7 +11,7 @@ from spoofbench.conversion import Item, SizeHint, Source
 from spoofbench.errors import ConversionError, SpoofbenchError
 from spoofbench_converters.phone import gnsslogger, gsdc, phyphox, sensorlog, sensorlogger
 from spoofbench_converters.phone.contract import Options
-from spoofbench_converters.phone.files import LogFile, laid_out, parts_of, text_parts
+from spoofbench_converters.phone.files import PhoneFile, laid_out, parts_of, text_parts
 
 __all__ = ["UNIT", "VERSION", "Options", "convert", "sniff"]
 
@@ -38,7 +38,7 @@ def sniff(source: Source) -> float:
         return 0.0
 
 
-def _of_folder(parts: Sequence[LogFile]) -> float:
+def _of_folder(parts: Sequence[PhoneFile]) -> float:
     best = max(_OF_FOLDERS, key=lambda form: form.sniff(parts))
     score: float = best.sniff(parts)
     if score:

@@ -112,6 +112,13 @@ def satellites(reader: ColumnReader) -> Satellites:
 def within_constellation(android: NDArray[np.int64], svid: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return satellites' numbers within their constellations: QZSS is numbered from 193, by its L1S
     signal from 183 (RINEX 3.05, 3.5).
+
+    Args:
+        android: Android's number of the constellation, ``(n,)``.
+        svid: as Android numbers satellites, ``(n,)``.
+
+    Returns:
+        int64 ``(n,)``.
     """
     first = np.where(svid > 192, 192, np.where(svid > 182, 182, 0))
     return svid - np.where(android == _QZSS, first, 0)
@@ -177,13 +184,13 @@ class Times(NamedTuple):
     known: NDArray[np.bool_]  # whether the receiver claims a time
 
     def utc_ns(self) -> NDArray[np.int64]:
-        """The claimed time as Unix UTC."""
+        """Return the claimed time as Unix UTC, int64 ``(n,)``."""
         return self.gps_ns + GPS_EPOCH_NS - self.leap_s * 1_000_000_000
 
 
 def receiver_times(reader: ColumnReader) -> Times:
     """Read the time that the receiver claims: its hardware clock minus that clock's bias, as the
-    row states it.
+    row states it, at n measurements.
     """
     clock, has_clock = reader.exact(("TimeNanos",))
     bias, has_bias = reader.exact(("FullBiasNanos",))
@@ -201,12 +208,14 @@ def receiver_times(reader: ColumnReader) -> Times:
 
 
 def week_and_tow(gps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return GPS week and time of week in seconds."""
+    """Return GPS week and time of week in seconds, ``(n,)`` each, of nanoseconds since the GPS
+    epoch.
+    """
     return gps_ns // WEEK_NS, (gps_ns % WEEK_NS).astype(np.float64) / 1e9
 
 
 def observations(reader: ColumnReader, seen: Satellites, times: Times) -> Fields:
-    """Read the measurements.
+    """Read the measurements, fields ``(n,)``.
 
     The pseudorange is the speed of light times the claimed time of reception minus the time of
     transmission, where the tracking state says that the latter is known without ambiguity, or what

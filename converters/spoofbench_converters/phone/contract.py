@@ -38,14 +38,14 @@ class Options:
 
 
 def known(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values with those below zero, by which phones say that they do not know,
-    absent.
+    """Return values ``(n,)`` with those below zero, by which phones say that they do not know,
+    NaN.
     """
     return np.where(values < 0, np.nan, values)
 
 
 def positive(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values with those not above zero absent.
+    """Return values ``(n,)`` with those not above zero NaN.
 
     Android gives 0 for an accuracy that it has not (``Location.getAccuracy``) and for the C/N0 of a
     satellite not received, iOS less.

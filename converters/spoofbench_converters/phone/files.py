@@ -21,7 +21,7 @@ _TEXT = re.compile(r"\.(csv|txt|tsv)(\.(gz|zst|bz2|xz))?$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class LogFile:
+class PhoneFile:
     """A file of a log; ``origin`` is where it begins in the log, its files joined in the order of
     their names.
     """
@@ -47,7 +47,7 @@ class LogFile:
         return Reject(self.origin, self.size, reason)
 
 
-def parts_of(source: Source) -> list[LogFile]:
+def parts_of(source: Source) -> list[PhoneFile]:
     """Return a log's files, as large as the archive's directory or the disk says; that of a lone
     file is not known.
 
@@ -55,13 +55,13 @@ def parts_of(source: Source) -> list[LogFile]:
         ConversionError: the archive's directory cannot be read.
     """
     if not source.path.is_dir() and not source.is_archive:
-        return [LogFile("", 0, 0, source.open)]
+        return [PhoneFile("", 0, 0, source.open)]
     return [
-        LogFile(member.name, 0, member.size, member.open) for member in source.members().values()
+        PhoneFile(member.name, 0, member.size, member.open) for member in source.members().values()
     ]
 
 
-def laid_out(parts: Sequence[LogFile]) -> list[LogFile]:
+def laid_out(parts: Sequence[PhoneFile]) -> list[PhoneFile]:
     """Return a folder's or archive's files as large as they unpack to, which damage may make less,
     each with where it begins.
     """
@@ -73,7 +73,7 @@ def laid_out(parts: Sequence[LogFile]) -> list[LogFile]:
     return placed
 
 
-def text_parts(parts: Sequence[LogFile]) -> list[LogFile]:
+def text_parts(parts: Sequence[PhoneFile]) -> list[PhoneFile]:
     """Return the files that may be text, by their names within the log; a lone file may."""
     return [part for part in parts if not part.name or _TEXT.search(part.name)][:MAX_HEADS]
 
@@ -109,7 +109,7 @@ class HeaderSchema:
 
 
 def read_columns(
-    file: LogFile, schema: HeaderSchema, normal: Callable[[str], str] = str
+    file: PhoneFile, schema: HeaderSchema, normal: Callable[[str], str] = str
 ) -> Iterator[ColumnReader | Used | Reject | Rejects]:
     """Yield the rows of a table, and the account of all else: its header, blank lines, lines of
     another width.
@@ -133,7 +133,7 @@ def read_columns(
                 yield ColumnReader(whole, index, schema.delimiter, schema.decimal_comma)
 
 
-def only(parts: Sequence[LogFile], what: str) -> LogFile | None:
+def only(parts: Sequence[PhoneFile], what: str) -> PhoneFile | None:
     """Return the one file there is, None where there is none.
 
     Raises:
@@ -147,12 +147,12 @@ def only(parts: Sequence[LogFile], what: str) -> LogFile | None:
     return parts[0] if parts else None
 
 
-def used_whole(file: LogFile) -> Used:
+def used_whole(file: PhoneFile) -> Used:
     """Return the account of a file that says something about the log: all of its bytes."""
     return Used(_size(file))
 
 
-def _size(file: LogFile) -> int:
+def _size(file: PhoneFile) -> int:
     """Return how many bytes a file unpacks to."""
     size = 0
     with file.open() as opened:
@@ -161,7 +161,7 @@ def _size(file: LogFile) -> int:
     return size
 
 
-def records(part: LogFile, limit: int = 1000) -> list[dict[str, str]]:
+def records(part: PhoneFile, limit: int = 1000) -> list[dict[str, str]]:
     """Read a small table of texts: its first rows within 64 KiB, by column name."""
     import csv
     import io

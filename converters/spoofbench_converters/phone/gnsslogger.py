@@ -23,7 +23,7 @@ from spoofbench_converters.phone.contract import (
     Options,
     positive,
 )
-from spoofbench_converters.phone.files import ANOTHER, LogFile, only, text_parts
+from spoofbench_converters.phone.files import ANOTHER, PhoneFile, only, text_parts
 from spoofbench_converters.phone.gnss_chip import GnssChip
 from spoofbench_converters.phone.gnsslogger_format import ELAPSED, SENSORS, UNIX, UTC, LogSchema
 from spoofbench_converters.phone.merging import MergedTopic, in_file_order
@@ -62,12 +62,12 @@ _SOLUTIONS = {
 }
 
 
-def sniff(parts: Sequence[LogFile]) -> float:
+def sniff(parts: Sequence[PhoneFile]) -> float:
     """Return how sure it is that one of the files is a log."""
     return max((gnsslogger_format.confidence(part.head) for part in parts), default=0.0)
 
 
-def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
+def convert(parts: Sequence[PhoneFile], options: Options) -> Iterator[Item]:
     """Yield what a log holds, the one file of it that is one.
 
     Raises:

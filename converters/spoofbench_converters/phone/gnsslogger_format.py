@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench_converters.phone import android
-from spoofbench_converters.phone.files import LogFile
+from spoofbench_converters.phone.files import PhoneFile
 from spoofbench_converters.phone.time_axis import PAIRS, ElapsedTimeAxis, Pairs, Stamps
 from spoofbench_converters.text.columns import ColumnReader
 from spoofbench_converters.text.lines import Lines, read_lines
@@ -124,8 +124,8 @@ def _header(line: str) -> tuple[str, tuple[str, ...]]:
 
 
 def types_of(lines: Lines) -> NDArray[np.intp]:
-    """Return the type that the first cell of each line names: its place in :data:`TYPES`, -1 where
-    it names none.
+    """Return the type that the first cell of each line names: its index in :data:`TYPES`, ``(n,)``,
+    -1 where it names none.
     """
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -152,7 +152,7 @@ def confidence(head: bytes) -> float:
     return 0.9 if rows >= 3 and 2 * rows >= len(lines) else 0.0
 
 
-def survey(part: LogFile) -> tuple[LogSchema, ElapsedTimeAxis]:
+def survey(part: PhoneFile) -> tuple[LogSchema, ElapsedTimeAxis]:
     """Read what a log's columns and time axis are: of its first 16 MiB, as far as the header and
     the clocks need it.
     """
@@ -242,7 +242,7 @@ def raw_elapsed(reader: ColumnReader) -> Stamps:
 
 
 def raw_utc(reader: ColumnReader, times: android.Times) -> Stamps:
-    """Return the UTC that the receiver claims at raw measurements, in Unix nanoseconds."""
+    """Return the UTC that the receiver claims at raw measurements, Unix nanoseconds ``(n,)``."""
     logged = reader.exact(UTC, 6)
     return np.where(times.known, times.utc_ns(), logged[0]), times.known | logged[1]
 
@@ -250,7 +250,9 @@ def raw_utc(reader: ColumnReader, times: android.Times) -> Stamps:
 def first_pairs(
     elapsed: Stamps, utc: Stamps, rows: NDArray[np.bool_] | Literal[True] = True
 ) -> Pairs:
-    """Return both clocks of the first rows that have both, among those that a mask selects."""
+    """Return both clocks of the first rows that have both, ``(k,)``, k at most :data:`PAIRS`, among
+    those that a mask ``(n,)`` selects.
+    """
     chosen = _with_both(elapsed, utc, rows)
     return elapsed[0][chosen], utc[0][chosen]
 
@@ -286,7 +288,7 @@ def _first(parts: list[Pairs]) -> Pairs:
 
 
 def first_octets(lines: Lines) -> NDArray[np.uint8]:
-    """Return each line's first octet, 0 of an empty one."""
+    """Return each line's first octet, uint8 ``(n,)``, 0 of an empty one."""
     filled = lines.ends > lines.starts
     return (
         np.where(filled, lines.octets[np.where(filled, lines.starts, 0)], 0).astype(np.uint8)

@@ -13,7 +13,13 @@ import numpy as np
 from spoofbench.conversion import Item, RowBatch, SourceMetadata
 from spoofbench_converters.phone import android, contract
 from spoofbench_converters.phone.contract import AXES, NO_POSITION, NO_TIME, Options
-from spoofbench_converters.phone.files import HeaderSchema, LogFile, only, read_columns, text_parts
+from spoofbench_converters.phone.files import (
+    HeaderSchema,
+    PhoneFile,
+    only,
+    read_columns,
+    text_parts,
+)
 from spoofbench_converters.phone.gnss_chip import GnssChip
 from spoofbench_converters.phone.gnsslogger_format import (
     ELAPSED,
@@ -41,18 +47,20 @@ _WLS = tuple(f"WlsPosition{axis.upper()}EcefMeters" for axis in AXES)
 _BATCHING_S = 10.0
 
 
-def sniff(parts: Sequence[LogFile]) -> float:
+def sniff(parts: Sequence[PhoneFile]) -> float:
     """Return 1 where a file has the columns of the measurements or of the inertial sensors, else
     0.
     """
     return float(any(_is(part, _GNSS) or _is(part, _IMU) for part in parts))
 
 
-def _is(part: LogFile, columns: frozenset[str]) -> bool:
+def _is(part: PhoneFile, columns: frozenset[str]) -> bool:
     return columns <= set(HeaderSchema.of(part.head).names)
 
 
-def tables(parts: Sequence[LogFile]) -> tuple[LogFile | None, LogFile | None, LogFile | None]:
+def tables(
+    parts: Sequence[PhoneFile],
+) -> tuple[PhoneFile | None, PhoneFile | None, PhoneFile | None]:
     """Return the tables of the measurements, of the inertial sensors and of the reference.
 
     Raises:
@@ -69,7 +77,7 @@ def tables(parts: Sequence[LogFile]) -> tuple[LogFile | None, LogFile | None, Lo
     )
 
 
-def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
+def convert(parts: Sequence[PhoneFile], options: Options) -> Iterator[Item]:
     """Yield what a drive of one phone holds.
 
     Raises:
@@ -99,7 +107,7 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
     yield from (part.rejected() for part in parts if part not in (gnss, imu, truth))
 
 
-def _axis(gnss: LogFile | None, imu: LogFile | None) -> ElapsedTimeAxis:
+def _axis(gnss: PhoneFile | None, imu: PhoneFile | None) -> ElapsedTimeAxis:
     none = np.empty(0, np.int64)
     sensors, raw = (none, none), (none, none)
     if imu and (reader := _first(imu)):
@@ -110,12 +118,12 @@ def _axis(gnss: LogFile | None, imu: LogFile | None) -> ElapsedTimeAxis:
     return ElapsedTimeAxis.of(sensors, (none, none), raw)
 
 
-def _first(file: LogFile) -> ColumnReader | None:
+def _first(file: PhoneFile) -> ColumnReader | None:
     pieces = read_columns(file, HeaderSchema.of(file.head))
     return next((piece for piece in pieces if isinstance(piece, ColumnReader)), None)
 
 
-def _sensors(file: LogFile, axis: ElapsedTimeAxis, deviation: ClockDeviation) -> Iterator[Item]:
+def _sensors(file: PhoneFile, axis: ElapsedTimeAxis, deviation: ClockDeviation) -> Iterator[Item]:
     topics = {
         "imu": MergedTopic("imu0", "imu", joins=True, window_s=_BATCHING_S),
         "mag": MergedTopic("mag0", "mag", joins=True, window_s=_BATCHING_S),
@@ -151,7 +159,7 @@ def _sensors(file: LogFile, axis: ElapsedTimeAxis, deviation: ClockDeviation) ->
             yield SourceMetadata({f"source/{kind}0": about})
 
 
-def _measurements(file: LogFile, axis: ElapsedTimeAxis) -> Iterator[Item]:
+def _measurements(file: PhoneFile, axis: ElapsedTimeAxis) -> Iterator[Item]:
     chip, solution = GnssChip("gnss0", axis), _Solution(axis)
     for reader in read_columns(file, HeaderSchema.of(file.head)):
         if isinstance(reader, ColumnReader):
@@ -202,7 +210,7 @@ class _Solution:
         )
 
 
-def _reference(file: LogFile, axis: ElapsedTimeAxis) -> Iterator[Item]:
+def _reference(file: PhoneFile, axis: ElapsedTimeAxis) -> Iterator[Item]:
     topic = MergedTopic("", "reference/pva", joins=True)
     for reader in read_columns(file, HeaderSchema.of(file.head)):
         if not isinstance(reader, ColumnReader):

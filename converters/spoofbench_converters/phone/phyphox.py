@@ -19,7 +19,7 @@ from spoofbench_converters.phone import contract
 from spoofbench_converters.phone.contract import NO_TIME, Options, known, positive
 from spoofbench_converters.phone.files import (
     HeaderSchema,
-    LogFile,
+    PhoneFile,
     read_columns,
     records,
     text_parts,
@@ -88,7 +88,7 @@ class PhyphoxTable(NamedTuple):
     column.
     """
 
-    part: LogFile
+    part: PhoneFile
     schema: HeaderSchema
     time: str
     quantities: Mapping[str, Quantity]
@@ -98,12 +98,12 @@ class PhyphoxTable(NamedTuple):
         return next(iter(self.quantities.values())).family
 
 
-def sniff(parts: Sequence[LogFile]) -> float:
+def sniff(parts: Sequence[PhoneFile]) -> float:
     """Return 0.9 for a file of the app, 0 for others."""
     return 0.9 * any(_table(part) is not None for part in parts)
 
 
-def _table(part: LogFile) -> PhyphoxTable | None:
+def _table(part: PhoneFile) -> PhyphoxTable | None:
     schema = HeaderSchema.of(part.head)
     time = next((name for name in schema.names if _TIME.fullmatch(name)), None)
     quantities = {
@@ -117,14 +117,14 @@ def _table(part: LogFile) -> PhyphoxTable | None:
     return PhyphoxTable(part, schema, time, same) if time and same else None
 
 
-def tables(parts: Sequence[LogFile]) -> list[PhyphoxTable]:
+def tables(parts: Sequence[PhoneFile]) -> list[PhyphoxTable]:
     """Return the tables that are understood.
 
     Raises:
         ConversionError: two tell the same.
     """
     found = [table for part in text_parts(parts) if (table := _table(part))]
-    owners: dict[str, LogFile] = {}
+    owners: dict[str, PhoneFile] = {}
     for table in found:
         for quantity in table.quantities.values():
             other = owners.setdefault(quantity.field, table.part)
@@ -136,7 +136,7 @@ def tables(parts: Sequence[LogFile]) -> list[PhyphoxTable]:
     return found
 
 
-def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
+def convert(parts: Sequence[PhoneFile], options: Options) -> Iterator[Item]:
     """Yield what an experiment holds.
 
     Raises:
@@ -206,7 +206,7 @@ class ExperimentClock(NamedTuple):
         return experiment_ns - self.started_ns[run] + self.unix_ns[run]
 
 
-def _clock(part: LogFile | None, options: Options) -> ExperimentClock:
+def _clock(part: PhoneFile | None, options: Options) -> ExperimentClock:
     if options.date is not None:
         try:
             start_ns = moment_ns(options.date)
@@ -254,7 +254,7 @@ def _decimal_ns(seconds: str) -> int:
     return int(value.to_integral_value())
 
 
-def _device(part: LogFile | None) -> dict[str, str]:
+def _device(part: PhoneFile | None) -> dict[str, str]:
     properties = {row["property"]: row["value"] for row in records(part)} if part else {}
     name = " ".join(
         filter(None, (properties.get(key, "") for key in ("deviceBrand", "deviceModel")))

@@ -23,7 +23,7 @@ from spoofbench_converters.phone.contract import AXES, STANDARD_GRAVITY_MPS2, Op
 from spoofbench_converters.phone.files import (
     ANOTHER,
     HeaderSchema,
-    LogFile,
+    PhoneFile,
     only,
     read_columns,
     text_parts,
@@ -155,17 +155,17 @@ def normal(name: str) -> str:
     return re.sub(r"\s*\([^)]*\)$", "", name)
 
 
-def sniff(parts: Sequence[LogFile]) -> float:
+def sniff(parts: Sequence[PhoneFile]) -> float:
     """Return 1 where a file has the app's columns, else 0."""
     return float(any(_is_table(part) for part in parts))
 
 
-def _is_table(part: LogFile) -> bool:
+def _is_table(part: PhoneFile) -> bool:
     index = HeaderSchema.of(part.head).index(normal)
     return _LOGGED in index and any(sensor.stamp in index for sensor in _SENSORS)
 
 
-def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
+def convert(parts: Sequence[PhoneFile], options: Options) -> Iterator[Item]:
     """Yield what a log holds, the one file of it that is one.
 
     Raises:
@@ -204,7 +204,7 @@ class BootClock(NamedTuple):
     basis: str
 
 
-def _survey(part: LogFile, schema: HeaderSchema) -> BootClock:
+def _survey(part: PhoneFile, schema: HeaderSchema) -> BootClock:
     """Lay the time since boot on Unix time by the first rows' logging time; its zone, where it
     names none, by a stamp since 1970.
     """

@@ -28,7 +28,7 @@ from spoofbench_converters.phone.contract import (
 )
 from spoofbench_converters.phone.files import (
     HeaderSchema,
-    LogFile,
+    PhoneFile,
     read_columns,
     records,
     used_whole,
@@ -133,14 +133,14 @@ _SIGNED = (
 )
 
 
-def sniff(parts: Sequence[LogFile]) -> float:
+def sniff(parts: Sequence[PhoneFile]) -> float:
     """Return 1 for files of the app, 0 for others."""
     return float(
         any(_is_table(part) and (not part.name or part.stem in _SENSORS) for part in parts)
     )
 
 
-def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
+def convert(parts: Sequence[PhoneFile], options: Options) -> Iterator[Item]:
     """Yield what a recording holds.
 
     Raises:
@@ -174,18 +174,18 @@ def convert(parts: Sequence[LogFile], options: Options) -> Iterator[Item]:
             yield part.rejected()
 
 
-def _is_table(part: LogFile) -> bool:
+def _is_table(part: PhoneFile) -> bool:
     return {"time", "seconds_elapsed"} <= set(HeaderSchema.of(part.head).names)
 
 
-def tables(parts: Sequence[LogFile]) -> dict[str, LogFile]:
+def tables(parts: Sequence[PhoneFile]) -> dict[str, PhoneFile]:
     """Return the tables that are understood, by sensor.
 
     Raises:
         ConversionError: there are two of one sensor, or one table alone that does not say of which
             it is.
     """
-    found: dict[str, LogFile] = {}
+    found: dict[str, PhoneFile] = {}
     for part in parts:
         name = part.stem if part.name else _sensor_of(part)
         if name not in _SENSORS or not _is_table(part):
@@ -201,7 +201,7 @@ def tables(parts: Sequence[LogFile]) -> dict[str, LogFile]:
     return found
 
 
-def _sensor_of(part: LogFile) -> str:
+def _sensor_of(part: PhoneFile) -> str:
     """Return the sensor of a table that stands alone, by its columns."""
     names = set(HeaderSchema.of(part.head).names)
     for column, sensor in (("latitude", "Location"), ("pressure", "Barometer")):
@@ -213,7 +213,7 @@ def _sensor_of(part: LogFile) -> str:
     )
 
 
-def _sources(tables: Mapping[str, LogFile]) -> dict[str, tuple[str, ...]]:
+def _sources(tables: Mapping[str, PhoneFile]) -> dict[str, tuple[str, ...]]:
     """Return the sensors of each source, by its name."""
     groups: dict[tuple[str, str], list[str]] = {}
     for name, sensor in _SENSORS.items():
@@ -227,7 +227,7 @@ def _sources(tables: Mapping[str, LogFile]) -> dict[str, tuple[str, ...]]:
     return sources
 
 
-def _phone(tables: Mapping[str, LogFile], metadata: LogFile | None) -> Phone:
+def _phone(tables: Mapping[str, PhoneFile], metadata: PhoneFile | None) -> Phone:
     rows = records(metadata, 1) if metadata else []
     if rows and rows[0].get("platform", "").lower() in ("ios", "android"):
         return Phone(
@@ -243,7 +243,7 @@ def _phone(tables: Mapping[str, LogFile], metadata: LogFile | None) -> Phone:
     return Phone()
 
 
-def _device(metadata: LogFile | None) -> dict[str, str]:
+def _device(metadata: PhoneFile | None) -> dict[str, str]:
     row = next(iter(records(metadata, 1) if metadata else []), {})
     device = {
         "device": row.get("device name", ""),
@@ -291,7 +291,7 @@ def _provider(sensor: SensorTable, phone: Phone) -> dict[str, str]:
     }
 
 
-def _rows(name: str, part: LogFile, phone: Phone) -> Iterator[RowBatch | Item]:
+def _rows(name: str, part: PhoneFile, phone: Phone) -> Iterator[RowBatch | Item]:
     sensor = _SENSORS[name]
     for reader in read_columns(part, HeaderSchema.of(part.head)):
         if not isinstance(reader, ColumnReader):

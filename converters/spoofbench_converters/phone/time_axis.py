@@ -63,7 +63,7 @@ class ElapsedTimeAxis:
         """Return the times of rows, and which have one.
 
         Args:
-            offsets: where the rows lie in the log.
+            offsets: where the rows lie in the log, int64 ``(n,)``.
             elapsed: time since boot.
             claimed: Unix time, which counts where there is no time since boot.
             shift: whether that is the GNSS receiver's.
@@ -105,7 +105,7 @@ class ClockDeviation:
         self, offsets: NDArray[np.int64], logged_ns: NDArray[np.int64], axis_ns: NDArray[np.int64]
     ) -> None:
         """Take rows in the order of the file: where they lie, the time they log, and their time on
-        the axis.
+        the axis; ``(n,)`` each.
         """
         if not offsets.size:
             return

@@ -30,7 +30,7 @@ class Shares:
         self._given = 0
 
     def next(self, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return offsets and lengths of the next rows."""
+        """Return offsets and lengths of the next rows, int64 ``(count,)`` each."""
         first, self._given = self._given, self._given + count
         ends = np.array([self._octets * row // self._rows for row in (first, self._given)])
         bounds = ends[0] + (ends[1] - ends[0]) * np.arange(count + 1) // max(count, 1)
@@ -78,7 +78,7 @@ def rows_of(arrays: Arrays, names: Sequence[str], shares: Shares) -> Iterator[Ce
 
 
 def read_npy(file: IO[bytes], name: str) -> NDArray[Any]:
-    """Return a NumPy array of numbers with one or two axes.
+    """Return a NumPy array of numbers, ``(n,)`` or ``(n, k)``.
 
     Raises:
         ConversionError: it is none, or is cut off; LimitError: it is too large.

@@ -115,14 +115,14 @@ def integers(cells: Any) -> tuple[NDArray[np.int64], Bools, Bools]:
 
 
 def matching(texts: Any, pattern: str) -> Bools:
-    """Which texts match a pattern; empty cells do not."""
+    """Return which texts match a pattern, bool ``(n,)``; empty cells do not."""
     import pyarrow.compute as pc
 
     return _mask(pc.fill_null(pc.match_substring_regex(texts, pattern), False))
 
 
 def blanked(cells: Any, gone: Bools) -> Any:
-    """Return cells with some of them emptied."""
+    """Return cells with those emptied that a mask ``(n,)`` selects."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -140,7 +140,9 @@ def words(cells: Any) -> Any:
 
 
 def matches(cells: Any, wanted: tuple[str, ...]) -> Bools:
-    """Which cells are one of these words, or one of these numbers however it is written."""
+    """Return which cells are one of these words, or one of these numbers however it is written,
+    bool ``(n,)``.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -153,7 +155,7 @@ def matches(cells: Any, wanted: tuple[str, ...]) -> Bools:
 
 def choices(cells: Any, numbers_of: Mapping[str, int]) -> tuple[NDArray[np.int64], Bools, Bools]:
     """Return the number that each cell names, in any case or by the number itself, which are there,
-    and which name none.
+    and which name none; ``(n,)`` each.
     """
     import pyarrow.compute as pc
 

@@ -199,7 +199,7 @@ class Unit:
 
     def from_schema(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return raw values that :meth:`to_schema` turns into these wherever such exist, else the
-        nearest.
+        nearest; ``(n,)``.
         """
         raw = values / (float(self.factor) * math.pi**self.pi) + float(self.zero)
         best = raw.copy()

@@ -36,7 +36,9 @@ class Notation:
     to_even: bool
 
     def without_long(self, texts: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """Return an Arrow array of texts with those that are too long null, and which were."""
+        """Return an Arrow array of texts with those that are too long null, and which were,
+        bool ``(n,)``.
+        """
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -50,7 +52,7 @@ class Notation:
 
     def numbers(self, texts: Any) -> tuple[Any, NDArray[np.bool_]]:
         """Return an Arrow array of texts with those that are no numbers null, and which of these
-        say neither that there is none.
+        say neither that there is none, bool ``(n,)``.
         """
         import pyarrow as pa
         import pyarrow.compute as pc
@@ -191,7 +193,7 @@ def parsed(texts: Any, notation: Notation) -> tuple[NDArray[np.float64], NDArray
 
 
 def floats(texts: Any, decimal_comma: bool = False) -> Floats:
-    """Read an Arrow array of texts as decimal numbers of an app, correctly rounded."""
+    """Read an Arrow array of n texts as decimal numbers of an app, ``(n,)``, correctly rounded."""
     values, bad = parsed(_with_points(texts) if decimal_comma else texts, PHONE)
     values[~(np.abs(values) < 10.0**_MAX_EXPONENT)] = np.nan
     return Floats(values, bad)

@@ -81,7 +81,9 @@ def find(octets: Octets, delimiter: int, line_end: int, comment: bytes, last: bo
 
 
 def starts_with(octets: Octets, starts: Ints, prefix: bytes) -> Bools:
-    """Which of the records or lines at these places start with a prefix; none if it is empty."""
+    """Return which of the records or lines at these places start with a prefix, bool ``(n,)``; none
+    if it is empty.
+    """
     found: Bools = np.full(starts.size, bool(prefix))
     for place, octet in enumerate(prefix):
         within = starts + place < octets.size
