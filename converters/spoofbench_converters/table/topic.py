@@ -248,8 +248,8 @@ def geodetic(columns: Mapping[str, Floats]) -> dict[str, Floats]:
 
 
 def earth_centred(rows: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Return ``ecef_position[0..2]`` in metres and ``ecef_velocity[0..2]`` in m/s, ``(n,)`` each: the
-    reverse of :func:`geodetic`.
+    """Return ``ecef_position[0..2]`` in metres and ``ecef_velocity[0..2]`` in m/s, ``(n,)`` each:
+    the reverse of :func:`geodetic`.
     """
     import pymap3d
 
