@@ -53,11 +53,11 @@ def test_no_name_seed_or_place_is_in_its_memory_arguments_or_environment(
 
 @needs_proc
 def test_the_spy_finds_what_is_there(make_suite: MakeSuite, logs: Path, tmp_path: Path) -> None:
-    ((status, reason),) = spy_on(
-        make_suite, logs, tmp_path, ("no such word anywhere", "/gnss0/gnss/pvt")
-    )
-    assert status == "failed"
-    assert (reason or "").startswith("AssertionError: found word 1")
+    # where it is seen first depends on what the garbage collector has untracked by then
+    found = spy_on(make_suite, logs, tmp_path, ("no such word anywhere", "/gnss0/gnss/pvt"))
+    assert {status for status, _ in found} == {"failed"}
+    for _, reason in found:
+        assert (reason or "").startswith("AssertionError: found word 1")
 
 
 def test_a_missing_kind_does_not_tell_an_attack(make_suite: MakeSuite, tmp_path: Path) -> None:
