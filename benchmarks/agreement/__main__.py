@@ -14,7 +14,7 @@ from typing import Any
 
 from benchmarks.agreement import gpsd, show
 from benchmarks.agreement.compare import compare
-from benchmarks.agreement.logs import LogFile, logs
+from benchmarks.agreement.logs import SampleLog, logs
 from benchmarks.agreement.ours import as_dict, converted
 
 _DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -46,7 +46,7 @@ def main() -> None:
         show.save(entries, closing, arguments.out)
 
 
-def _entry(log: LogFile) -> tuple[dict[str, Any], gpsd.Agreement | None]:
+def _entry(log: SampleLog) -> tuple[dict[str, Any], gpsd.Agreement | None]:
     with tempfile.TemporaryDirectory() as folder:
         ours = converted(log, Path(folder, "log.mcap"))
         said, agreed = compare(log, ours)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.agreement import gpsd, peers
-from benchmarks.agreement.logs import LogFile
+from benchmarks.agreement.logs import SampleLog
 from benchmarks.agreement.ours import Ours, measures
 from spoofbench.conversion import Source
 
@@ -48,7 +48,7 @@ class Disagreement:
     explanation: str
 
 
-def compare(log: LogFile, ours: Ours) -> tuple[list[Disagreement], gpsd.Agreement | None]:
+def compare(log: SampleLog, ours: Ours) -> tuple[list[Disagreement], gpsd.Agreement | None]:
     """Compare a conversion with all that applies to the log; also return gpsd's agreement where
     there is its JSON.
     """
@@ -69,7 +69,7 @@ def compare(log: LogFile, ours: Ours) -> tuple[list[Disagreement], gpsd.Agreemen
 _Said = tuple[str, str, str]
 
 
-def _frames(log: LogFile, ours: Ours) -> Iterator[_Said]:
+def _frames(log: SampleLog, ours: Ours) -> Iterator[_Said]:
     source = Source.of(log.path)
     stream = ours.format in ("ubx", "nmea") or (
         ours.recording is None and log.manifest.get("format", "").startswith(("ubx", "nmea"))
@@ -114,7 +114,7 @@ def type_of(raw: bytes) -> str:
     return re.split(rb"[,*]", raw[1:], maxsplit=1)[0].decode("ascii", "replace")
 
 
-def _bag(log: LogFile, ours: Ours) -> Iterator[_Said]:
+def _bag(log: SampleLog, ours: Ours) -> Iterator[_Said]:
     if ours.format != "rosbag" or ours.ledger is None or ours.recording is None:
         return
     theirs = peers.rosbags(log.path)
@@ -143,7 +143,7 @@ def _bag(log: LogFile, ours: Ours) -> Iterator[_Said]:
             )
 
 
-def _tables(log: LogFile, ours: Ours) -> Iterator[_Said]:
+def _tables(log: SampleLog, ours: Ours) -> Iterator[_Said]:
     if ours.format not in ("phone", "table") or ours.ledger is None:
         return
     theirs = {f"pandas rows of {name}": rows for name, rows in peers.pandas(log.path).items()}
@@ -154,7 +154,7 @@ def _tables(log: LogFile, ours: Ours) -> Iterator[_Said]:
             yield name, f"nearest {nearest[0]} {nearest[1]}", f"{rows}"
 
 
-def _manifest(log: LogFile, ours: Ours) -> Iterator[_Said]:
+def _manifest(log: SampleLog, ours: Ours) -> Iterator[_Said]:
     row = log.manifest
     if row and ours.recording is None:
         yield "conversion", f"refused: {ours.error}", row.get("format", "")

@@ -11,7 +11,7 @@ NO_LOGS = (".chk", ".md", ".msg", ".tag")
 
 
 @dataclass(frozen=True, slots=True)
-class LogFile:
+class SampleLog:
     """A log: its path, its name within the folder, the manifest's row on it, and the format and
     options to convert it with.
     """
@@ -23,7 +23,7 @@ class LogFile:
     format: str | None = None
 
 
-def logs(folder: Path) -> Iterator[LogFile]:
+def logs(folder: Path) -> Iterator[SampleLog]:
     """Yield the logs in a folder, in the order of their names.
 
     Definitions, companions and other parsers' answers are none. ``options.toml`` beside this file
@@ -44,4 +44,4 @@ def logs(folder: Path) -> Iterator[LogFile]:
             for name, text in options.get(path.name, {}).items()
         }
         form = given.pop("format", None)
-        yield LogFile(path, path.relative_to(folder).as_posix(), rows.get(path, {}), given, form)
+        yield SampleLog(path, path.relative_to(folder).as_posix(), rows.get(path, {}), given, form)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.agreement.logs import LogFile
+from benchmarks.agreement.logs import SampleLog
 from spoofbench.codec import read
 from spoofbench.conversion import Ledger, Source, convert
 from spoofbench.errors import SpoofbenchError
@@ -47,7 +47,7 @@ class Ours:
         )
 
 
-def converted(log: LogFile, out: Path) -> Ours:
+def converted(log: SampleLog, out: Path) -> Ours:
     """Convert a log; where it is refused for want of a date, say so and give
     :data:`REFERENCE_DATE`.
     """

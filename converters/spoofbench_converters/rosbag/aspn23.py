@@ -264,8 +264,8 @@ def _covariance(rows: NDArray[Any], name: str, *, flip_third: bool) -> Columns:
 
 
 def degrees(radians: NDArray[Any]) -> NDArray[np.float64]:
-    """Return degrees, of any shape; where a decimal of nine places converts to precisely these radians, that
-    decimal.
+    """Return degrees, of any shape; where a decimal of nine places converts to precisely these
+    radians, that decimal.
 
     Receivers say degrees in decimals and recorders turn them to radians: this undoes it without
     float dust.

@@ -139,8 +139,8 @@ def refused(
 
 
 def in_bag_order(pieces: Sequence[Columns]) -> Columns:
-    """Return the rows of pieces, whose columns are the same and ``(n,)`` each, by ``record``; rows of
-    one record keep their order.
+    """Return the rows of pieces, whose columns are the same and ``(n,)`` each, by ``record``; rows
+    of one record keep their order.
     """
     if len(pieces) == 1:
         return pieces[0]

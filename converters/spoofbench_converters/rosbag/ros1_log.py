@@ -315,8 +315,8 @@ def data_of(octets: NDArray[np.uint8], start: int) -> bytes:
 
 
 def heads_of(heads: NDArray[np.uint8]) -> tuple[_Integers, _Integers, NDArray[np.bool_]]:
-    """Return connection and stamp, ``(m,)``, of those message headers, ``(n, bytes)``, that are laid
-    out as the first is, and which those are, ``(n,)``.
+    """Return connection and stamp, ``(m,)``, of those message headers, ``(n, bytes)``, that are
+    laid out as the first is, and which those are, ``(n,)``.
     """
     first = heads[0].tobytes()
     values = {name: first.index(name + b"=") + len(name) + 1 for name in (b"conn", b"time")}

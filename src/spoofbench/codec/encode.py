@@ -50,7 +50,7 @@ class MessageEncoder(Protocol):
 
     def encode(self, first: int, last: int, out: Octets, starts: Ints) -> None:
         """Write the records of the rows ``[first, last)`` to ``out``, each at its start,
-        ``(last - first,)``.
+        ``(n,)`` with n = last - first.
         """
         ...
 
@@ -83,7 +83,7 @@ class TableEncoder:
 
     def encode(self, first: int, last: int, out: Octets, starts: Ints) -> None:
         """Write the records of the rows ``[first, last)`` to ``out``, each at its start,
-        ``(last - first,)``.
+        ``(n,)`` with n = last - first.
         """
         if len(self._layouts) == 1:
             layout, size = self._layouts[0], self._layouts[0].template.size
@@ -250,7 +250,7 @@ class BytesEncoder:
 
     def encode(self, first: int, last: int, out: Octets, starts: Ints) -> None:
         """Write the records of the rows ``[first, last)`` to ``out``, each at its start,
-        ``(last - first,)``.
+        ``(n,)`` with n = last - first.
         """
         head = np.zeros(last - first, MESSAGE)
         head["opcode"], head["channel"] = Opcode.MESSAGE, self.channel_id
