@@ -190,7 +190,7 @@ class Times(NamedTuple):
 
 def receiver_times(reader: ColumnReader) -> Times:
     """Read the time that the receiver claims: its hardware clock minus that clock's bias, as the
-    row states it, at n measurements.
+    row states it; ``(n,)`` each.
     """
     clock, has_clock = reader.exact(("TimeNanos",))
     bias, has_bias = reader.exact(("FullBiasNanos",))
