@@ -118,9 +118,9 @@ def test_any_rows_read_back_equal_from_parquet_and_csv(tmp_path: Path, data: Any
     write_csv(arrow_table(table, "/a/x", {}), tmp_path / "y.csv")
     with (tmp_path / "y.csv").open(newline="", encoding="utf-8") as lines:
         rows = list(csv.DictReader(lines))
-    assert [row["signal"] or None for row in rows] == table.words("signal")
+    assert [row["signal"] or None for row in rows] == table.texts("signal")
     assert [row["subframe"] for row in rows] == [
-        (word or b"").hex() for word in table.words("subframe")
+        (word or b"").hex() for word in table.texts("subframe")
     ]
 
 

@@ -65,19 +65,19 @@ def test_prefix_and_rest_make_the_whole(table: Table, cut: int) -> None:
         np.testing.assert_array_equal(
             np.concatenate([head.valid(name), tail.valid(name)]), table.valid(name)
         )
-        if table.column(name).words is None:
+        if table.column(name).categories is None:
             np.testing.assert_array_equal(np.concatenate([head[name], tail[name]]), table[name])
         else:
-            assert head.words(name) + tail.words(name) == table.words(name)
+            assert head.texts(name) + tail.texts(name) == table.texts(name)
 
 
 @given(tables(), st.integers(0, 8))
 def test_the_past_does_not_know_the_future_words(table: Table, cut: int) -> None:
     head = table.take(slice(0, cut))
     for name in head:
-        words = head.column(name).words
+        words = head.column(name).categories
         if words is not None:
-            assert set(words) == {word for word in head.words(name) if word is not None}
+            assert set(words) == {word for word in head.texts(name) if word is not None}
 
 
 @given(tables())

@@ -104,8 +104,8 @@ def _series_values(table: Table, name: str) -> Any:
     import pandas as pd
 
     column = table.column(name)
-    if column.words is not None:
-        return pd.Categorical.from_codes(column.values, pd.Index(column.words))
+    if column.categories is not None:
+        return pd.Categorical.from_codes(column.values, pd.Index(column.categories))
     if column.valid is None:
         return column.values
     values = column.values.copy()

@@ -157,10 +157,10 @@ def _arrow_array(table: Table, field: Field) -> Any:
         return pa.DictionaryArray.from_arrays(
             pa.array(codes.astype(np.int32), mask=absent), pa.array(names, pa.string())
         )
-    if column.words is not None:
+    if column.categories is not None:
         kind = pa.string() if field.category == "text" else pa.binary()
         return pa.DictionaryArray.from_arrays(
-            pa.array(column.values, mask=absent), pa.array(column.words, kind)
+            pa.array(column.values, mask=absent), pa.array(column.categories, kind)
         )
     return pa.array(column.values, mask=absent)
 

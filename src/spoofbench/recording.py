@@ -222,7 +222,7 @@ def _digest_table(digest: Any, topic: str, table: Table) -> None:
         if not table.has(name):
             continue
         column = table.column(name)
-        values, words = column.values, column.words
+        values, words = column.values, column.categories
         if values.dtype.kind == "f":
             values = np.where(np.isnan(values), np.array(np.nan, values.dtype), values)
         digest.update(

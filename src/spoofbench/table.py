@@ -23,12 +23,12 @@ class Column:
     """Values of one field, shape ``(n,)``.
 
     Floats say absence by NaN and have no mask. ``valid`` is None where every row has a value. Text
-    and bytes hold codes into ``words``, -1 where absent.
+    and bytes hold codes into ``categories``, -1 where absent.
     """
 
     values: NDArray[Any]
     valid: NDArray[np.bool_] | None = None
-    words: tuple[str, ...] | tuple[bytes, ...] | None = None
+    categories: tuple[str, ...] | tuple[bytes, ...] | None = None
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
@@ -43,15 +43,18 @@ def frozen(array: NDArray[Any]) -> NDArray[Any]:
     return np.frombuffer(array.tobytes(), array.dtype)
 
 
-def encode_words(values: Sequence[str | None] | Sequence[bytes | None]) -> Column:
+def encode_categories(values: Sequence[str | None] | Sequence[bytes | None]) -> Column:
     """Dictionary-code a sequence of texts (or of byte strings); None is absent."""
-    words: dict[Any, int] = {}
+    categories: dict[Any, int] = {}
     codes = np.fromiter(
-        (-1 if value is None else words.setdefault(value, len(words)) for value in values),
+        (
+            -1 if value is None else categories.setdefault(value, len(categories))
+            for value in values
+        ),
         np.int32,
         len(values),
     )
-    return Column(codes, None, tuple(words))
+    return Column(codes, None, tuple(categories))
 
 
 def as_column(field: Field, given: ArrayLike | Column | Sequence[Any]) -> Column:
@@ -61,7 +64,7 @@ def as_column(field: Field, given: ArrayLike | Column | Sequence[Any]) -> Column
     if isinstance(given, Column):
         return given
     return (
-        encode_words(given)  # type: ignore[arg-type]
+        encode_categories(given)  # type: ignore[arg-type]
         if field.category in ("text", "bytes")
         else Column(np.asarray(given))
     )
@@ -77,15 +80,17 @@ def concat_columns(field: Field, columns: Sequence[Column | None], sizes: Sequen
     """
     if field.category in ("text", "bytes"):
         if len(given := [c for c in columns if c is not None]) == len(columns) and all(
-            column.words is given[0].words for column in given
+            column.categories is given[0].categories for column in given
         ):
-            return Column(np.concatenate([column.values for column in given]), None, given[0].words)
-        words: dict[Any, int] = {}
+            return Column(
+                np.concatenate([column.values for column in given]), None, given[0].categories
+            )
+        categories: dict[Any, int] = {}
         codes = [
-            np.full(size, -1, np.int32) if column is None else _recoded(column, words)
+            np.full(size, -1, np.int32) if column is None else _recoded(column, categories)
             for column, size in zip(columns, sizes, strict=True)
         ]
-        return Column(np.concatenate(codes), None, tuple(words))
+        return Column(np.concatenate(codes), None, tuple(categories))
     known = [column.values for column in columns if column is not None]
     dtype = np.result_type(*known) if known else np.dtype(field.dtype)
     absent = np.nan if dtype.kind == "f" else 0
@@ -108,9 +113,11 @@ def concat_columns(field: Field, columns: Sequence[Column | None], sizes: Sequen
     return Column(values, np.concatenate(valid))
 
 
-def _recoded(column: Column, words: dict[Any, int]) -> NDArray[np.int32]:
-    """Return a column's codes as codes into ``words``, which takes up the words that it lacks."""
-    shared = [words.setdefault(word, len(words)) for word in column.words or ()]
+def _recoded(column: Column, categories: dict[Any, int]) -> NDArray[np.int32]:
+    """Return a column's codes as codes into ``categories``, which takes up the categories that it
+    lacks.
+    """
+    shared = [categories.setdefault(word, len(categories)) for word in column.categories or ()]
     return np.asarray(np.array([*shared, -1], np.int32)[column.values])
 
 
@@ -119,7 +126,7 @@ class Table(Mapping[str, NDArray[Any]]):
 
     ``table[name]`` gives the values of any field of the kind, shape ``(n,)``: floats with NaN where
     absent, zeros where an absent number, flag or enum is masked by :meth:`valid`, codes into
-    :meth:`words` for text.
+    :meth:`texts` for text.
 
     Args:
         kind: name of a kind of the schema.
@@ -183,7 +190,11 @@ class Table(Mapping[str, NDArray[Any]]):
             self.kind.name,
             self.time_ns.tobytes(),
             {
-                name: (c.values.tobytes(), None if c.valid is None else c.valid.tobytes(), c.words)
+                name: (
+                    c.values.tobytes(),
+                    None if c.valid is None else c.valid.tobytes(),
+                    c.categories,
+                )
                 for name, c in self._columns.items()
             },
         )
@@ -238,7 +249,7 @@ class Table(Mapping[str, NDArray[Any]]):
         column = self.column(name)
         if column.values.dtype.kind == "f":
             return np.asarray(~np.isnan(column.values))
-        if column.words is not None:
+        if column.categories is not None:
             return np.asarray(column.values >= 0)
         return np.ones(len(self), bool) if column.valid is None else column.valid
 
@@ -246,12 +257,12 @@ class Table(Mapping[str, NDArray[Any]]):
         """Whether each of these fields is present in at least one row."""
         return all(name in self._columns and bool(self.valid(name).any()) for name in names)
 
-    def words(self, name: str) -> list[Any]:
+    def texts(self, name: str) -> list[Any]:
         """Return a text or bytes field's values, None where absent."""
         column = self.column(name)
-        if column.words is None:
+        if column.categories is None:
             raise RecordingError(f"field {name!r} of a {self.kind.name} table is not text")
-        return [None if code < 0 else column.words[code] for code in column.values.tolist()]
+        return [None if code < 0 else column.categories[code] for code in column.values.tolist()]
 
     @staticmethod
     def concat(tables: Sequence["Table"]) -> "Table":
@@ -280,7 +291,7 @@ class Table(Mapping[str, NDArray[Any]]):
         """
         columns = {
             name: _compact(
-                Column(c.values[rows], None if c.valid is None else c.valid[rows], c.words)
+                Column(c.values[rows], None if c.valid is None else c.valid[rows], c.categories)
             )
             for name, c in self._columns.items()
         }
@@ -319,8 +330,9 @@ class Table(Mapping[str, NDArray[Any]]):
 def _column(field: Field, given: Any, rows: int) -> Column:
     if field.category in ("text", "bytes"):
         column = as_column(field, given)
-        if column.words is None or not all(
-            isinstance(word, str if field.category == "text" else bytes) for word in column.words
+        if column.categories is None or not all(
+            isinstance(word, str if field.category == "text" else bytes)
+            for word in column.categories
         ):
             raise RecordingError(f"field {field.name!r} must be {field.category}")
         column = _compact(column)
@@ -347,14 +359,14 @@ def _column(field: Field, given: Any, rows: int) -> Column:
             if valid.all()
             else (np.where(valid, values, np.zeros((), dtype)), frozen(valid.astype(bool)))
         )
-    return Column(frozen(values), valid, column.words)
+    return Column(frozen(values), valid, column.categories)
 
 
 def _compact(column: Column) -> Column:
-    """Number a text column's words by first use and drop the unused, so that rows alone decide the
-    column.
+    """Number a text column's categories by first use and drop the unused, so that rows alone decide
+    the column.
     """
-    if column.words is None:
+    if column.categories is None:
         return column
     codes = column.values
     used, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
@@ -362,11 +374,11 @@ def _compact(column: Column) -> Column:
     by_first_use = by_first_use[used[by_first_use] >= 0]
     new = np.full(used.size, -1, np.int32)
     new[by_first_use] = np.arange(by_first_use.size, dtype=np.int32)
-    words: Any = tuple(column.words[code] for code in used[by_first_use].tolist())
+    categories: Any = tuple(column.categories[code] for code in used[by_first_use].tolist())
     return Column(
         frozen(new[inverse.reshape(codes.shape)] if codes.size else codes.astype(np.int32)),
         None,
-        words,
+        categories,
     )
 
 
@@ -380,8 +392,8 @@ def _absent(field: Field, rows: int) -> Column:
 
 
 def _same(a: Column, b: Column) -> bool:
-    if a.words is not None or b.words is not None:
-        return a.words == b.words and np.array_equal(a.values, b.values)
+    if a.categories is not None or b.categories is not None:
+        return a.categories == b.categories and np.array_equal(a.values, b.values)
     if a.values.dtype.kind == "f":
         return np.array_equal(a.values, b.values, equal_nan=True)
     valid_a, valid_b = (
@@ -401,8 +413,8 @@ def _rebuild_table(
             name: Column(
                 np.frombuffer(values, fields[name].dtype),
                 None if valid is None else np.frombuffer(valid, bool),
-                words,
+                categories,
             )
-            for name, (values, valid, words) in columns.items()
+            for name, (values, valid, categories) in columns.items()
         },
     )

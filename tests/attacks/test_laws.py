@@ -117,8 +117,8 @@ def test_the_laws_hold_on_any_recording(
         else:
             assert variant[topic] == clean[topic]
     assert (min(firsts), max(lasts) + 1) == (start_ns, end_ns)
-    assert json.loads(truth.words("sources")[0]) == sorted(sources)
-    assert json.loads(truth.words("base_ids")[0]) == [clean.digest()]
+    assert json.loads(truth.texts("sources")[0]) == sorted(sources)
+    assert json.loads(truth.texts("base_ids")[0]) == [clean.digest()]
 
 
 def _changed(clean: Table, attacked: Table) -> list[int]:
@@ -362,7 +362,7 @@ def test_the_truth_row_says_how_the_variant_was_made() -> None:
     clean = _drive()
     truth = make_variant("drag-off", DragOff(rate_mps=0.5), clean, _window(clean), 42)[TRUTH_TOPIC]
     words = {
-        name: truth.words(name)[0]
+        name: truth.texts(name)[0]
         for name in ("attack", "class", "strength_unit", "level", "parameters")
     }
     parameters = '{"direction_deg":null,"ramp_s":10.0,"rate_mps":0.5,"vertical_share":0.0}'

@@ -169,7 +169,7 @@ def test_another_rate_is_refused_unless_asked_for() -> None:
     with pytest.raises(NotApplicable, match="resample=true"):
         make_variant("meacon", Meacon(), clean, window, 0, [donor])
     variant = make_variant("meacon", Meacon(resample=True), clean, window, 0, [donor])
-    assert '"resample":true' in variant["/truth/attack"].words("parameters")[0]
+    assert '"resample":true' in variant["/truth/attack"].texts("parameters")[0]
     positions = set(
         zip(donor[PVT]["lat_deg"].tolist(), donor[PVT]["lon_deg"].tolist(), strict=True)
     )

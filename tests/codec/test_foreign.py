@@ -46,7 +46,7 @@ INTEGERS = (
 def our_messages(topic: str, table: Table) -> Rows:
     """A table's rows as messages of our own schema."""
     message_class = GetMessageClass(table.kind.message)
-    words = {name: table.words(name) for name in table if table.column(name).words is not None}
+    words = {name: table.texts(name) for name in table if table.column(name).categories is not None}
     for row, time in enumerate(table.time_ns.tolist()):
         given = {
             name: words[name][row] if name in words else table[name][row].item()
@@ -381,7 +381,7 @@ def test_two_channels_of_one_topic_are_one_table_in_file_order(tmp_path: Path) -
     ]
     table = read(save(tmp_path / "a.mcap", rows, chunk_size=4000))["/r/gnss/rf"]
     assert table["agc"].tolist() == list(range(900))
-    assert table.words("band") == [f"L{number % 5}" for number in range(900)]
+    assert table.texts("band") == [f"L{number % 5}" for number in range(900)]
 
 
 def test_topics_are_found_by_message_and_the_rest_is_listed(drive: Any, tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def seen(table: Table) -> list[tuple[Any, ...]]:
         for number, there in zip(table["svid"].tolist(), table.valid("svid").tolist(), strict=True)
     ]
     strengths = [None if x != x else x for x in table["cn0_dbhz"].tolist()]
-    return list(zip(table.time_ns.tolist(), numbers, strengths, table.words("signal"), strict=True))
+    return list(zip(table.time_ns.tolist(), numbers, strengths, table.texts("signal"), strict=True))
 
 
 @given(BATCHES, st.sets(st.sampled_from(["svid", "cn0_dbhz", "signal"])), st.data())
@@ -157,7 +157,7 @@ def test_texts_that_are_gone_are_forgotten() -> None:
         named = RowBatch(rows.kind, rows.time_ns, columns, rows.offset, rows.units)
         (*_,) = buffer.push(named)
     held = buffer.sort(batch([], 3000, set()))[0]
-    assert len(held.columns["signal"].words or ()) < 2000
+    assert len(held.columns["signal"].categories or ()) < 2000
 
 
 def test_rows_that_come_too_late_are_not_held() -> None:

@@ -24,7 +24,7 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__(convert_charrefs=True)
-        self.tags, self.raw, self.words = [], [], []
+        self.tags, self.raw, self.categories = [], [], []
         self.feed(text)
         self.close()
 
@@ -35,7 +35,7 @@ class Page(HTMLParser):
 
     def handle_data(self, data):
         within_raw = self.tags and self.tags[-1][0] in ("script", "style")
-        (self.raw[-1][2] if within_raw else self.words).append(data)
+        (self.raw[-1][2] if within_raw else self.categories).append(data)
 
     def data(self):
         return json.loads(
@@ -111,7 +111,7 @@ def test_hostile_texts_are_texts(hostile_folder, page, tmp_path):
     ]
     assert not any("onerror" in attributes for _, attributes in hostile.tags)
     task = next(task for task in read_tasks(hostile_folder) if task.reason)
-    assert task.detector in "".join(hostile.words)
+    assert task.detector in "".join(hostile.categories)
     run = next(run for run in hostile.data()["runs"] if run["reason"])
     assert (run["detector"], run["reason"]) == (task.detector, task.reason)
 

@@ -91,7 +91,7 @@ def satellites(reader: ColumnReader) -> Satellites:
     svid, has_svid = reader.exact(("Svid",))
     given = reader.floats("CarrierFrequencyHz")
     given = np.where(given > 0, given, np.nan)
-    carrier, band, signal = _signals(android, given, reader.words("CodeType"))
+    carrier, band, signal = _signals(android, given, reader.texts("CodeType"))
     slot, has_slot = _slots(android, given, svid)
     known = has_svid & (svid > 0) & (svid < 1000) & ~((android == _GLONASS) & (svid > 92))
     return Satellites(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.conversion import Item, RowBatch
-from spoofbench.table import Column, encode_words
+from spoofbench.table import Column, encode_categories
 from spoofbench_converters.phone import android
 from spoofbench_converters.phone.contract import NO_TIME, positive
 from spoofbench_converters.phone.gnsslogger_format import raw_elapsed, raw_utc
@@ -278,7 +278,7 @@ def _messages(reader: ColumnReader) -> tuple[Fields, NDArray[np.bool_]]:
             has_svid & (svid > 0),
         ),
         "signal": Column(codes, None, android.SIGNALS),
-        "subframe": encode_words(octets),
+        "subframe": encode_categories(octets),
     }
     return fields, bad
 

@@ -273,7 +273,7 @@ class _GnssLoggerConversion:
 
     def _fixes(self, reader: ColumnReader) -> Iterator[Item]:
         elapsed, claimed = reader.exact(ELAPSED), reader.exact(UNIX, 6)
-        provider = np.char.upper(reader.words("Provider"))
+        provider = np.char.upper(reader.texts("Provider"))
         fields = {
             "lat_deg": reader.floats("LatitudeDegrees", "Latitude"),
             "lon_deg": reader.floats("LongitudeDegrees", "Longitude"),

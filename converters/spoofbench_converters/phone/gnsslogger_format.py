@@ -274,7 +274,7 @@ def _pairs(kind: str, reader: ColumnReader) -> tuple[NDArray[np.int64], Pairs]:
     else:
         elapsed, utc = reader.exact(ELAPSED), reader.exact(UNIX if kind == "Fix" else UTC, 6)
     if kind == "Fix":
-        rows = np.char.upper(reader.words("Provider")) == b"GPS"
+        rows = np.char.upper(reader.texts("Provider")) == b"GPS"
     chosen = _with_both(elapsed, utc, rows)
     return reader.offset[chosen], (elapsed[0][chosen], utc[0][chosen])
 

@@ -135,7 +135,7 @@ def _sensors(file: PhoneFile, axis: ElapsedTimeAxis, deviation: ClockDeviation) 
         elapsed, logged = reader.exact(ELAPSED), reader.exact(UTC, 6)
         time_ns, timed = axis.times(reader.offset, elapsed, logged)
         values = [reader.floats(f"Measurement{name.upper()}") for name in AXES]
-        message = reader.words("MessageType")
+        message = reader.texts("MessageType")
         yield from reader.rejects(reader.bad, NOT_A_NUMBER)
         yield from reader.rejects(~timed & ~reader.bad, NO_TIME)
         left = timed & ~reader.bad

@@ -219,7 +219,7 @@ def _survey(part: PhoneFile, schema: HeaderSchema) -> BootClock:
     if first is None:
         raise ConversionError("the log has no rows")
     head = first.take(slice(0, _SURVEY_ROWS))
-    texts = [text.decode("ascii", "replace") for text in head.words(_LOGGED).tolist()]
+    texts = [text.decode("ascii", "replace") for text in head.texts(_LOGGED).tolist()]
     logged = [_read_time(text) for text in texts]
     stamps = [head.exact((sensor.stamp,), 9) for sensor in _SENSORS if sensor.stamp.endswith(_UNIX)]
     absolute = [int(time) for times, present in stamps for time in times[present & (times > 0)]]

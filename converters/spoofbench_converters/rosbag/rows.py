@@ -177,10 +177,10 @@ def outer_join(first: RowBatch, second: RowBatch) -> RowBatch:
 
 def _spread(field: Field, column: Column, index: Ints, count: int) -> Column:
     """Return a column of so many rows, absent but at these."""
-    if column.words is not None:
+    if column.categories is not None:
         codes = np.full(count, -1, np.int32)
         codes[index] = column.values
-        return Column(codes, None, column.words)
+        return Column(codes, None, column.categories)
     values = np.full(count, np.nan if field.category == "float" else 0, column.values.dtype)
     values[index] = column.values
     if field.category == "float":

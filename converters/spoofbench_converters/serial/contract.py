@@ -97,7 +97,7 @@ class EpochRows:
     def take(self, rows: Bools | Ints) -> "EpochRows":
         """Return the rows that a mask ``(n,)`` or index array selects."""
         columns = {
-            name: Column(c.values[rows], None if c.valid is None else c.valid[rows], c.words)
+            name: Column(c.values[rows], None if c.valid is None else c.valid[rows], c.categories)
             for name, c in self.columns.items()
         }
         times = [

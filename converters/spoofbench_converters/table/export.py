@@ -251,8 +251,8 @@ def _field(rows: Table, field: FieldSpec, minus: bool, derived: NDArray[np.float
 
     if field.values is not None:
         return _named(rows, field)
-    if derived is None and rows.column(field.name).words is not None:
-        return pa.array(rows.words(field.name), pa.string())
+    if derived is None and rows.column(field.name).categories is not None:
+        return pa.array(rows.texts(field.name), pa.string())
     values = rows[field.name] if derived is None else derived
     if values.dtype.kind == "f":
         shifted = values - field.offset if field.offset else values
@@ -267,9 +267,9 @@ def _named(rows: Table, field: FieldSpec) -> Any:
     import pyarrow as pa
 
     assert field.values is not None
-    is_text = rows.column(field.name).words is not None
+    is_text = rows.column(field.name).categories is not None
     words = np.full(len(rows), None, object)
-    values = np.array(rows.words(field.name), object) if is_text else rows[field.name]
+    values = np.array(rows.texts(field.name), object) if is_text else rows[field.name]
     for word, constant in reversed(tuple(field.values.items())):
         words[(values == constant) & rows.valid(field.name)] = word
     return pa.array(words, pa.string())

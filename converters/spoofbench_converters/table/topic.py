@@ -104,7 +104,7 @@ class TopicReader:
         """Return rows with the fields that are made of the Earth-centred frame's columns."""
         if not any(f"{triple}[0]" in rows.columns for triple in ECEF):
             return rows
-        numbers = {name: c.values for name, c in rows.columns.items() if c.words is None}
+        numbers = {name: c.values for name, c in rows.columns.items() if c.categories is None}
         made = {name: Column(values) for name, values in geodetic(numbers).items()}
         return replace(rows, columns={**rows.columns, **made})
 

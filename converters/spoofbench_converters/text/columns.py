@@ -160,7 +160,7 @@ class ColumnReader:
                 return values, present
         return np.zeros(len(self), np.int64), np.zeros(len(self), bool)
 
-    def words(self, name: str) -> NDArray[np.bytes_]:
+    def texts(self, name: str) -> NDArray[np.bytes_]:
         """Return a column of words, empty where there is none."""
         if name not in self:
             return np.zeros(len(self), "S1")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.arrays import Ints, Octets
-from spoofbench.table import Column, encode_words
+from spoofbench.table import Column, encode_categories
 from spoofbench_converters.serial.contract import EpochRows
 from spoofbench_converters.ubx.batch import EpochBatch, FieldColumns, absent_where
 
@@ -263,7 +263,7 @@ def navigation_data(batch: EpochBatch, source: str) -> list[EpochRows]:
             "signal": Column(
                 np.where(frames.head["version"] >= 2, codes.values, -1).astype(np.int32),
                 None,
-                codes.words,
+                codes.categories,
             ),
             "subframe": _subframes(words, ends),
         }
@@ -284,4 +284,4 @@ def navigation_data(batch: EpochBatch, source: str) -> list[EpochRows]:
 
 def _subframes(words: bytes, ends: Ints) -> Column:
     cuts = [0, *ends.tolist()]
-    return encode_words([words[start:end] for start, end in pairwise(cuts)])
+    return encode_categories([words[start:end] for start, end in pairwise(cuts)])

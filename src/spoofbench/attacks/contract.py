@@ -352,7 +352,7 @@ def _truth_rows(variant: Recording) -> list[dict[str, Any]]:
         return []
     table = variant[TRUTH_TOPIC]
     columns = {
-        name: table[name].tolist() if table.column(name).words is None else table.words(name)
+        name: table[name].tolist() if table.column(name).categories is None else table.texts(name)
         for name in table
     }
     return [{name: values[row] for name, values in columns.items()} for row in range(len(table))]

@@ -12,7 +12,7 @@ from spoofbench.attacks.resolution import resolutions
 from spoofbench.errors import PluginError
 from spoofbench.recording import Interval, Recording
 from spoofbench.schema import KINDS, split_topic
-from spoofbench.table import Column, Table, encode_words
+from spoofbench.table import Column, Table, encode_categories
 
 CLAIMED_TIME_FIELDS = ("receive_time_ns", "gps_week", "tow_s", "time_valid")
 """Fields that stay the victim's own unless the attack's class is ``time``."""
@@ -172,10 +172,14 @@ def differing(a: Table, b: Table, name: str) -> Bools:
     values are equal; ``(n,)``.
     """
     one, other = a.column(name), b.column(name)
-    if one.values is other.values and one.valid is other.valid and one.words == other.words:
+    if (
+        one.values is other.values
+        and one.valid is other.valid
+        and one.categories == other.categories
+    ):
         return np.zeros(len(a), bool)
-    if one.words is not None:
-        return np.array([p != q for p, q in zip(a.words(name), b.words(name), strict=True)], bool)
+    if one.categories is not None:
+        return np.array([p != q for p, q in zip(a.texts(name), b.texts(name), strict=True)], bool)
     valid, still = a.valid(name), b.valid(name)
     width = f"u{one.values.dtype.itemsize}"
     return np.asarray(
@@ -211,10 +215,12 @@ def _rounded(clean: Table, genuine: Table, attacked: Table) -> tuple[dict[str, C
 
 def _inserted(base: Table, name: str, column: Column, first: int) -> Column:
     rows = slice(first, first + column.values.size)
-    if column.words is not None:
-        words = base.words(name)
-        words[rows] = [None if code < 0 else column.words[code] for code in column.values.tolist()]
-        return encode_words(words)
+    if column.categories is not None:
+        words = base.texts(name)
+        words[rows] = [
+            None if code < 0 else column.categories[code] for code in column.values.tolist()
+        ]
+        return encode_categories(words)
     values, valid = base[name].copy(), base.valid(name).copy()
     values[rows] = column.values
     valid[rows] = True if column.valid is None else column.valid

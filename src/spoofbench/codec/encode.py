@@ -64,9 +64,9 @@ class TableEncoder:
         self._columns = {name: table.column(name) for name in table}
         self._fields = table.kind.fields
         self._categories = {
-            name: _encode_categories(name, column.words)
+            name: _encode_categories(name, column.categories)
             for name, column in self._columns.items()
-            if column.words is not None
+            if column.categories is not None
         }
         widths = [self._widths(name) for name in self._columns]
         self._which, combinations = _distinct_widths(widths, len(table))

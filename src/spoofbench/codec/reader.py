@@ -177,7 +177,9 @@ class _TableBuilder:
             )
             times = times[order]
             columns = {
-                n: Column(c.values[order], None if c.valid is None else c.valid[order], c.words)
+                n: Column(
+                    c.values[order], None if c.valid is None else c.valid[order], c.categories
+                )
                 for n, c in columns.items()
             }
         try:

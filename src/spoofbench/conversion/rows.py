@@ -69,7 +69,7 @@ class RowBatch:
     def take(self, rows: Rows) -> "RowBatch":
         """Return the rows that a slice, mask or index array selects."""
         columns = {
-            name: Column(c.values[rows], None if c.valid is None else c.valid[rows], c.words)
+            name: Column(c.values[rows], None if c.valid is None else c.valid[rows], c.categories)
             for name, c in self.columns.items()
         }
         return RowBatch(self.kind, self.time_ns[rows], columns, self.offset[rows], self.units[rows])
@@ -186,13 +186,15 @@ def _contiguous(index: NDArray[np.int64]) -> slice | NDArray[np.int64]:
 def _without_idle_categories(rows: RowBatch) -> RowBatch:
     """Drop the texts that no row uses, where there are many: a stream may never end."""
     limit = _MAX_IDLE_CATEGORIES + len(rows)
-    large = {name: c for name, c in rows.columns.items() if c.words and len(c.words) > limit}
+    large = {
+        name: c for name, c in rows.columns.items() if c.categories and len(c.categories) > limit
+    }
     if not large:
         return rows
     columns = dict(rows.columns)
     for name, column in large.items():
         codes, inverse = np.unique(column.values, return_inverse=True)
-        known: Any = column.words
+        known: Any = column.categories
         used = tuple(known[code] for code in codes[codes >= 0].tolist())
         renumbered = (inverse - np.count_nonzero(codes < 0)).astype(np.int32)
         columns[name] = Column(renumbered, None, used)

@@ -199,7 +199,7 @@ def _changed_ns(clean: Table, attacked: Table) -> Any:
     rows: dict[int, tuple[list[Any], list[Any]]] = {}
     for which, table in enumerate((clean, attacked)):
         fields = [
-            table.words(n) if table.column(n).words is not None else _bits(table, n)
+            table.texts(n) if table.column(n).categories is not None else _bits(table, n)
             for n in clean.kind.fields
         ]
         for time_ns, *row in zip(table.time_ns.tolist(), *fields, strict=True):

@@ -197,7 +197,7 @@ def _scrambled(table: Table, first: int, rng: np.random.Generator) -> Table:
         columns[name] = Column(
             column.values[order],
             None if column.valid is None else column.valid[order],
-            column.words,
+            column.categories,
         )
     return Table(table.kind.name, table.time_ns, columns)
 
@@ -213,7 +213,7 @@ def _altered(table: Table, first: int, rng: np.random.Generator) -> Table:
         if values.dtype.kind == "f":
             moved = values * 1.7 + rng.normal(0, 3, values.size)
             changed[name] = Column(np.where(some, np.nan, np.where(after, moved, values)))
-        elif column.words is None:
+        elif column.categories is None:
             changed[name] = Column(
                 np.where(some, values ^ np.ones((), values.dtype), values), column.valid
             )

@@ -111,8 +111,8 @@ def decode(
 
 def values(column: Column) -> list[Any]:
     """A column as a list, None where absent."""
-    if column.words is not None:
-        return [None if code < 0 else column.words[code] for code in column.values.tolist()]
+    if column.categories is not None:
+        return [None if code < 0 else column.categories[code] for code in column.values.tolist()]
     valid = np.ones(column.values.size, bool) if column.valid is None else column.valid
     return [
         value if there and value == value else None

@@ -174,7 +174,7 @@ def test_satellites_and_signals(
         found[name][0] if found.valid(name)[0] else None
         for name in ("constellation", "svid", "frequency_slot")
     ]
-    assert (values[0], values[1], found.words("signal")[0], values[2]) == expected
+    assert (values[0], values[1], found.texts("signal")[0], values[2]) == expected
 
 
 def test_a_phase_counts_only_where_it_is_valid(tmp_path: Path, header: str) -> None:

@@ -139,7 +139,7 @@ def test_measurements(drive: Result) -> None:
     np.testing.assert_allclose(
         rows["pseudorange_m"], (flight_ns - 0.25) * SPEED_OF_LIGHT_MPS * 1e-9, rtol=0, atol=1e-6
     )
-    assert rows.words("signal")[:2] == ["1C", "5Q"]
+    assert rows.texts("signal")[:2] == ["1C", "5Q"]
     assert rows["constellation"][:2].tolist() == [1, 3]
     wavelength = SPEED_OF_LIGHT_MPS / np.tile([1575420030.0, 1176450050.0], 70)
     np.testing.assert_allclose(rows["doppler_hz"], 123.25 / wavelength)
@@ -154,11 +154,11 @@ def test_status_and_messages_bear_the_time_of_the_row_before_them(drive: Result)
     late = status.time_ns - start - np.repeat(np.arange(70), 2) * SECOND_NS
     assert np.all((late > 250_000_000) & (late <= 300_000_000))
     assert len(messages) == 7
-    assert messages.words("subframe")[0] == bytes(range(128, 168))
+    assert messages.texts("subframe")[0] == bytes(range(128, 168))
 
 
 def test_gain_control(drive: Result) -> None:
-    assert set(drive["/gnss0/gnss/rf"].words("band")) == {"L1"}
+    assert set(drive["/gnss0/gnss/rf"].texts("band")) == {"L1"}
     np.testing.assert_array_equal(drive["/gnss0/gnss/rf"]["agc_db"], 20.5)
 
 

@@ -139,7 +139,7 @@ def _ranges(table: Table) -> dict[tuple[int, int, str], float]:
         np.flatnonzero((table.time_ns == table.time_ns[0]) & ~np.isnan(table["pseudorange_m"]))
     )
     keys = zip(
-        rows["constellation"].tolist(), rows["svid"].tolist(), rows.words("signal"), strict=True
+        rows["constellation"].tolist(), rows["svid"].tolist(), rows.texts("signal"), strict=True
     )
     return dict(zip(keys, rows["pseudorange_m"].tolist(), strict=True))
 

@@ -192,7 +192,7 @@ def _joined(parts: Sequence[Table]) -> Table:
 
 def _column(parts: Sequence[Table], name: str) -> Any:
     if parts[0].kind.fields[name].category == "text":
-        return [word for part in parts for word in part.words(name)]
+        return [word for part in parts for word in part.texts(name)]
     return Column(
         np.concatenate([part[name] for part in parts]),
         np.concatenate([part.valid(name) for part in parts]),

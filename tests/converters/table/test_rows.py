@@ -388,7 +388,7 @@ def test_conditions_values_and_constants(convert_text: Convert) -> None:
     assert (pvt["gps_week"][0], pvt["tow_s"][0], pvt.valid("gps_week")[1]) == (2000, 100, False)
     assert result.recording["/imu0/imu"]["accel_z_mps2"].tolist() == [1 - 2 * 9.80665]
     signal = result.recording["/gnss0/gnss/signal"]
-    assert (signal.words("signal"), signal["constellation"].tolist(), signal["svid"].tolist()) == (
+    assert (signal.texts("signal"), signal["constellation"].tolist(), signal["svid"].tolist()) == (
         ["1C", "5Q"],
         [3, 1],
         [12, 13],

@@ -157,7 +157,7 @@ def test_wheels(ubx: Any) -> None:
         ]
     )
     table = decoded.tables["/imu0/odometer"]
-    assert table.words("wheel") == ["rear-left", "rear-right", "single", None]
+    assert table.texts("wheel") == ["rear-left", "rear-right", "single", None]
     assert table["ticks"].tolist() == [41, 42, 43, 0]
     assert table.valid("ticks").tolist() == [True, True, True, False]
     assert table["speed_mps"][3] == -1.5

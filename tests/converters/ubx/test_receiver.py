@@ -90,7 +90,7 @@ def test_signals_have_the_direction_of_their_satellite(ubx: Any) -> None:
     table = ubx.decode(
         [ubx.message("NAV-SIG", heard, iTOW=1000), ubx.message("NAV-SAT", sky, iTOW=1000)]
     ).tables[SIGNAL]
-    assert table.words("signal") == ["1C", "7Q", "1C"]
+    assert table.texts("signal") == ["1C", "7Q", "1C"]
     assert table["elevation_deg"].tolist() == pytest.approx([np.nan, 30, np.nan], nan_ok=True)
     assert table["azimuth_deg"].tolist() == pytest.approx([np.nan, 200, np.nan], nan_ok=True)
 
@@ -120,11 +120,11 @@ def test_subframes_keep_their_bytes(ubx: Any) -> None:
         ubx.message("RXM-SFRB", svid=70, dwrd=np.arange(10)),
     ]
     table = ubx.decode(frames).tables["/gnss0/gnss/navdata"]
-    assert table.words("subframe") == [
+    assert table.texts("subframe") == [
         bytes.fromhex("22c34d2100000001"),
         np.arange(10, dtype=">u4").tobytes(),
     ]
-    assert table.words("signal") == ["1B", "1C"]
+    assert table.texts("signal") == ["1B", "1C"]
     assert table["svid"].tolist() == [4, 6]
 
 
