@@ -40,6 +40,7 @@ def _checks() -> list[Any]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("check", _checks())
 def test_conformance(check: Check[Any]) -> None:
     check()

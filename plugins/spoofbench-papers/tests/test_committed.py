@@ -12,6 +12,7 @@ from spoofbench_papers.reproduction import Cell, Reproduced, as_markdown, tally
 PAGES = Path(__file__).parents[3] / "benchmarks" / "reproductions"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("paper", ["tanil2018", "kujur", "lo2017", "borio"])
 def test_short_form(paper: str, short_form: Callable[[str], tuple[Path, Reproduced]]) -> None:
     folder, found = short_form(paper)

@@ -9,6 +9,8 @@ import pytest
 from spoofbench_papers import kujur
 from spoofbench_papers.reproduction import Reproduced
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def tanil(short_form: Callable[[str], tuple[Path, Reproduced]]) -> tuple[Path, Reproduced]:

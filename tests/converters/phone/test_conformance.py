@@ -5,14 +5,18 @@ tables.
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from spoofbench.testing import run_converter_checks
 
 
+@pytest.mark.slow
 def test_a_log_of_mixed_lines(tmp_path: Path, gnsslogger: Callable[..., bytes]) -> None:
     (tmp_path / "log").write_bytes(gnsslogger())
     _check(tmp_path / "log", streamed=True)
 
 
+@pytest.mark.slow
 def test_wide_tables(tmp_path: Path, sensorlog: Callable[..., bytes]) -> None:
     (tmp_path / "log").write_bytes(sensorlog(True))
     _check(tmp_path / "log", streamed=True)

@@ -8,6 +8,7 @@ import pytest
 from spoofbench.testing.converters import run_converter_checks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "suffix"), [("ros1-lz4", "bag"), ("mcap", "mcap"), ("sqlite", "db3")]
 )

@@ -260,6 +260,7 @@ damages = st.tuples(
 )
 
 
+@pytest.mark.slow
 @given(
     shape=shapes,
     odd=st.just(()) | odd_rows,

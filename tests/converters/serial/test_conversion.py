@@ -208,6 +208,7 @@ def test_random_bytes_are_no_log(gathered: Any, tmp_path: Path, log: bytes) -> N
     assert converted(gathered, ubx, path).accounted == len(log)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["nmea", "ubx"])
 def test_the_conformance_kit(name: str, make: Any, tmp_path: Path) -> None:
     begin = datetime.fromisoformat("2023-05-06T23:59:50Z")

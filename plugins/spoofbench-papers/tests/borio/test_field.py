@@ -12,6 +12,7 @@ from spoofbench_papers.reproduction import Reproduced
 SHARED = Path(__file__).parents[4].parent / "shared" / "data"
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.drive,
     pytest.mark.skipif(not SHARED.is_dir(), reason=f"the real logs are not there: {SHARED}"),
 ]
