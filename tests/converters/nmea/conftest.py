@@ -17,7 +17,7 @@ from spoofbench_converters.serial.contract import ABSENT_NS, Epochs, Frames
 from spoofbench.conversion import Rejects
 from spoofbench.table import Column
 
-FOLDER = Path(__file__).parents[2].parent / "shared" / "data" / "nmea_ubx"
+FOLDER = Path(__file__).parents[4] / "shared" / "data" / "nmea_ubx"
 _SENTENCE = re.compile(rb"[$!][^$!\r\n*]{3,200}\*([0-9A-Fa-f]{2})")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "phone_bag"
+SHARED = Path(__file__).parents[4] / "shared" / "data" / "phone_bag"
 START_NS = 1_700_000_000_123_456_789
 BOOT_NS = START_NS - 5_000_000_000_001
 DURATION_S = 70

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from spoofbench_converters.rosbag import aspn23, definitions
 
-FOLDER = Path(__file__).parents[2].parent / "shared" / "data" / "aspn23_msgs"
+FOLDER = Path(__file__).parents[4] / "shared" / "data" / "aspn23_msgs"
 
 
 @pytest.mark.skipif(

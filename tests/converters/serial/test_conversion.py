@@ -24,7 +24,7 @@ from spoofbench.conversion import Rejects, Source, Used
 from spoofbench.errors import ConversionError, SpoofbenchError
 from spoofbench.testing import run_converter_checks
 
-LOGS = Path(__file__).parents[2].parent / "shared" / "data" / "nmea_ubx"
+LOGS = Path(__file__).parents[4] / "shared" / "data" / "nmea_ubx"
 NS = 1_000_000_000
 
 

@@ -12,7 +12,7 @@ from spoofbench.conversion import Block, Ledger, Reject, Rejects, Source, Source
 from spoofbench.recording import Recording
 from spoofbench.table import Table
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
+DATA = Path(__file__).parents[4] / "shared" / "data"
 
 MAPPING = """
 about = "A car logger"

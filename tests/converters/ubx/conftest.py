@@ -18,7 +18,7 @@ from spoofbench_converters.ubx.names import key_of
 
 from spoofbench.table import Table
 
-LOGS = Path(__file__).parents[2].parent / "shared" / "data" / "nmea_ubx"
+LOGS = Path(__file__).parents[4] / "shared" / "data" / "nmea_ubx"
 
 
 @dataclass
