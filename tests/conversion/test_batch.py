@@ -198,6 +198,7 @@ def test_signals_at_random_moments_leave_nothing_half_written(seed: int, tmp_pat
             time.sleep(rng.uniform(0.0, 0.2))
 
     leave_when_interrupted(process, tmp_path / "out", stop)
+    assert not list(tmp_path.rglob("*.part"))
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc")
