@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from spoofbench.errors import RecordingError
 from spoofbench.recording import Interval, Recording
-from spoofbench.schema import KINDS, SENSOR_KINDS
+from spoofbench.schema import KINDS, SENSOR_KINDS, topic_of
 from spoofbench.table import Column, Table
 
 WORDS = st.sampled_from(["1C", "5Q", "2X", "", "é"])
@@ -96,9 +96,7 @@ def test_no_array_can_be_made_writable(table: Table) -> None:
 def test_absent_columns_and_absent_values_are_equal(table: Table) -> None:
     named = {name: table.column(name) for name in table.kind.fields}
     assert Table(table.kind.name, table.time_ns, named) == table
-    topic = {"reference/pva": "/reference/pva", "truth/attack": "/truth/attack"}.get(
-        table.kind.name, f"/s/{table.kind.name}"
-    )
+    topic = topic_of("s" if table.kind.name in SENSOR_KINDS else "", table.kind.name)
     assert (
         Recording({topic: Table(table.kind.name, table.time_ns, named)}).digest()
         == Recording({topic: table}).digest()
@@ -131,6 +129,7 @@ def test_blind_is_an_allow_list() -> None:
     }
     everything["/reference/pva"] = Table("reference/pva", np.zeros(0, np.int64), {})
     everything["/truth/attack"] = Table("truth/attack", np.zeros(0, np.int64), {})
+    everything["/truth/clean"] = Table("truth/clean", np.zeros(0, np.int64), {})
     metadata = {
         "recording": {"clock": "recorder", "session_id": "secret"},
         "primary": {"imu": "s"},

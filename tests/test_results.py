@@ -73,6 +73,7 @@ def truth(n: int = 3) -> Truth:
         flags,
         ~flags,
         flags,
+        ~flags,
         *(values + k for k in range(6)),
         epoch_ns=200_000_000,
         intervals=(Interval(1, 2),),

@@ -66,7 +66,7 @@ def test_fields_are_optional_scalars_of_constant_width(kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "topic", ["/imu0/imu", "/gnss0/gnss/pvt", "/reference/pva", "/truth/attack"]
+    "topic", ["/imu0/imu", "/gnss0/gnss/pvt", "/reference/pva", "/truth/attack", "/truth/clean"]
 )
 def test_topics_split_and_join(topic: str) -> None:
     assert topic_of(*split_topic(topic)) == topic

@@ -146,6 +146,7 @@ def write_results(folder: Path, tasks: Sequence[Task], rng: np.random.Generator)
                 observed=np.ones(EPOCHS, bool),
                 spoofed=spoofed,
                 guard=np.zeros(EPOCHS, bool),
+                reviewed=np.ones(EPOCHS, bool),
                 lat_deg=lat + moved,
                 lon_deg=lon,
                 clean_lat_deg=lat,

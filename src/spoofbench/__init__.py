@@ -8,8 +8,8 @@ Data go one way, from file to file::
 Words used everywhere
 ---------------------
 recording   what one session's sensors said: tables by topic, and metadata
-topic       ``/<source>/<kind>``, such as ``/gnss0/gnss/pvt``; the two topics ``/reference/pva`` and
-            ``/truth/attack`` belong to no source
+topic       ``/<source>/<kind>``, such as ``/gnss0/gnss/pvt``; ``/reference/pva``,
+            ``/truth/attack`` and ``/truth/clean`` belong to no source
 source      a receiver, an IMU, a phone's location provider: ``gnss0``, ``imu0``
 kind        what a row is: ``imu``, ``gnss/pvt``, ``mag``, ...; the protobuf schema lists the fields
             of each

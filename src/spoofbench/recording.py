@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spoofbench.errors import RecordingError
-from spoofbench.schema import SCHEMA_VERSION, SENSOR_KINDS, split_topic
+from spoofbench.schema import CLEAN_TOPIC, SCHEMA_VERSION, SENSOR_KINDS, TRUTH_TOPIC, split_topic
 from spoofbench.table import Table
 
 Metadata = Mapping[str, Mapping[str, str]]
@@ -213,6 +213,28 @@ class Recording(Mapping[str, Table]):
         for topic in self:
             _digest_table(digest, topic, self[topic])
         return digest.hexdigest()
+
+
+def is_really_attacked(recording: Recording) -> bool:
+    """Return whether the recording has labels of a real attack: then it has no clean twin."""
+    return TRUTH_TOPIC in recording and "real" in recording[TRUTH_TOPIC].texts("provenance")
+
+
+def attacked_intervals(recording: Recording) -> tuple[Interval, ...]:
+    """Return the attack intervals, in the order of time."""
+    return _intervals(recording, TRUTH_TOPIC)
+
+
+def clean_intervals(recording: Recording) -> tuple[Interval, ...]:
+    """Return the intervals that were reviewed and found clean, in the order of time."""
+    return _intervals(recording, CLEAN_TOPIC)
+
+
+def _intervals(recording: Recording, topic: str) -> tuple[Interval, ...]:
+    if topic not in recording:
+        return ()
+    starts, ends = (recording[topic][name].tolist() for name in ("start_ns", "end_ns"))
+    return tuple(sorted(map(Interval, starts, ends)))
 
 
 def _digest_table(digest: Any, topic: str, table: Table) -> None:

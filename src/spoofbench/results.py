@@ -104,8 +104,10 @@ class Truth:
         spoofed: within an attack interval.
         guard: within 10 s after one, where an epoch is neither clean nor spoofed (a detector's
             ``memory_s`` may extend it).
+        reviewed: whether it is known if there is an attack; of a really attacked recording, within
+            an interval that is labelled attacked or clean. What is not counts as neither.
         lat_deg, lon_deg: WGS 84, as the variant says; NaN at nominal epochs.
-        clean_lat_deg, clean_lon_deg: as the clean recording says.
+        clean_lat_deg, clean_lon_deg: as the clean recording says; a really attacked one has none.
         position_error_m: 3-D distance of the two, NaN where either is absent.
         velocity_error_mps: norm of the difference of the two velocities.
         epoch_ns: nominal interval of the grid.
@@ -116,6 +118,7 @@ class Truth:
     observed: Bools
     spoofed: Bools
     guard: Bools
+    reviewed: Bools
     lat_deg: Floats
     lon_deg: Floats
     clean_lat_deg: Floats

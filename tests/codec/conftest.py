@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from spoofbench.schema import KINDS, Field, split_topic, topic_of
+from spoofbench.schema import KINDS, SENSOR_KINDS, Field, split_topic, topic_of
 from spoofbench.table import Column, Table
 
 TIMES = st.integers(0, 2**63 - 1)
@@ -63,7 +63,7 @@ def tables() -> Callable[..., st.SearchStrategy[Table]]:
 def any_topic() -> Callable[[Table], str]:
     """A topic that fits a table."""
     return lambda table: topic_of(
-        "" if table.kind.name in ("reference/pva", "truth/attack") else "unit0", table.kind.name
+        "unit0" if table.kind.name in SENSOR_KINDS else "", table.kind.name
     )
 
 

@@ -95,6 +95,7 @@ def make_truth(epochs: int, attack: str | None, seed: int | None) -> Truth:
         np.ones(epochs, bool),
         spoofed,
         guard,
+        np.ones(epochs, bool),
         lat + moved,
         lon,
         lat,

@@ -66,6 +66,7 @@ def truth_of(windows: Sequence[tuple[int, int]], epochs: int = EPOCHS) -> Truth:
         observed=np.ones(epochs, bool),
         spoofed=spoofed,
         guard=release_guard(time_ns, intervals, 0.0) & ~spoofed,
+        reviewed=np.ones(epochs, bool),
         lat_deg=zeros,
         lon_deg=zeros,
         clean_lat_deg=zeros,

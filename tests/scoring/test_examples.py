@@ -100,7 +100,11 @@ def test_decisions_at_epochs_come_through_the_grid(case: dict[str, Any]) -> None
     nothing = np.full(time_ns.size, np.nan)
     flags = np.zeros(time_ns.size, bool)
     truth = Truth(
-        time_ns, ~flags, flags, flags, *itertools.repeat(nothing, 6), round(full["dt_s"] * 1e9), ()
+        time_ns,
+        *(~flags, flags, flags, ~flags),
+        *itertools.repeat(nothing, 6),
+        round(full["dt_s"] * 1e9),
+        (),
     )
     score = np.where(alert, 1.5, 0.5)
     np.testing.assert_array_equal(

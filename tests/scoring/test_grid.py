@@ -41,6 +41,22 @@ def attacked(seconds: list[float], windows: list[tuple[int, int]], **kwargs: flo
     return recording(seconds, **kwargs).replace({"/truth/attack": truth})
 
 
+def really_attacked(
+    seconds: list[float], attacks: list[tuple[int, int]], clean: list[tuple[int, int]]
+) -> Recording:
+    """A recording with labels of a real attack."""
+    tables = {}
+    for topic, windows in (("truth/attack", attacks), ("truth/clean", clean)):
+        bounds = np.array(windows, np.int64).reshape(-1, 2) * S
+        tables[topic] = Table(
+            topic, bounds[:, 0], {"start_ns": bounds[:, 0], "end_ns": bounds[:, 1]}
+        )
+    real = tables["truth/attack"].replace(provenance=["real"] * len(attacks))
+    return recording(seconds).replace(
+        {"/truth/attack": real, "/truth/clean": tables["truth/clean"]}
+    )
+
+
 def seconds(truth: Truth) -> list[float]:
     return (truth.time_ns / S).tolist()
 
@@ -119,6 +135,28 @@ def test_spoofed_and_guard_are_half_open_and_apart() -> None:
     ]
     assert truth.intervals == (Interval(5 * S, 8 * S), Interval(14 * S, 16 * S))
     assert np.flatnonzero(release_guard(truth.time_ns, truth.intervals, 20.0)).max() == 35
+
+
+def test_a_really_attacked_recording_has_labels_and_no_twin() -> None:
+    labelled = really_attacked(list(range(40)), [(5, 8), (20, 22)], [(0, 5), (30, 35)])
+    truth = build_truth(labelled, labelled)
+    assert np.flatnonzero(truth.spoofed).tolist() == [5, 6, 7, 20, 21]
+    assert np.flatnonzero(truth.reviewed).tolist() == [*range(8), 20, 21, *range(30, 35)]
+    for unknown in (
+        truth.clean_lat_deg,
+        truth.clean_lon_deg,
+        truth.position_error_m,
+        truth.velocity_error_mps,
+    ):
+        assert np.isnan(unknown).all()
+    assert not np.isnan(truth.lat_deg).any()
+
+
+def test_of_an_attack_of_ours_everything_is_reviewed() -> None:
+    variant = attacked(list(range(40)), [(5, 8)])
+    truth = build_truth(recording(list(range(40))), variant)
+    assert truth.reviewed.all()
+    assert (truth.position_error_m == 0).all()
 
 
 def test_errors_are_metres_and_metres_per_second() -> None:

@@ -9,9 +9,10 @@ import pytest
 
 from spoofbench.detector import Decisions
 from spoofbench.errors import ResultsError
-from spoofbench.results import TaskOutcome, write_outcome
+from spoofbench.results import TaskOutcome, read_truth, write_outcome, write_truth
 from spoofbench.scoring.score import SCORE_SCHEMA, score_folder
 
+S = 1_000_000_000
 FIRST_COLUMNS = """
 recording attack seed detector status reason far_per_hour far_per_hour_lo far_per_hour_hi far_epoch
 alert_fraction detection_pct detection_pct_available ttfd_s detected availability
@@ -56,6 +57,16 @@ def test_alerts_between_epochs_are_false_alerts_too(bench: Any) -> None:
     write_outcome(bench.path, "t0", TaskOutcome("ok", None, between))
     (row,) = bench.score()
     assert (row["episodes"], row["far_epoch"], row["availability"]) == (2, 0.0, 1.0)
+
+
+def test_what_was_not_reviewed_is_neither_clean_nor_attacked(bench: Any) -> None:
+    bench.add("d", alerts=[20, 120, 180])
+    truth = read_truth(bench.path, bench.tasks[0].variant_id)
+    write_truth(
+        bench.path, bench.tasks[0].variant_id, replace(truth, reviewed=truth.time_ns < 100 * S)
+    )
+    (row,) = bench.score()
+    assert (row["episodes"], row["available_clean_h"]) == (1, pytest.approx(100 / 3600))
 
 
 def test_an_attacked_task_has_detection_and_no_false_alerts(bench: Any) -> None:

@@ -303,7 +303,7 @@ def _topic(where: str, table: str, topic: str, content: object) -> TopicSpec:
         _, kind = split_topic(topic)
     except RecordingError as error:
         raise ConversionError(f"{here}: {error}") from error
-    if kind == "truth/attack":
+    if kind in ("truth/attack", "truth/clean"):
         raise ConversionError(
             f"{here} cannot be converted: attacks are made, or labelled, not logged"
         )

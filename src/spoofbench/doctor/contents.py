@@ -11,7 +11,7 @@ from spoofbench.doctor.motion import runs
 from spoofbench.doctor.positions import jumps
 from spoofbench.formatting import counted
 from spoofbench.recording import Recording
-from spoofbench.schema import TRUTH_TOPIC, split_topic
+from spoofbench.schema import LABEL_TOPICS, TRUTH_TOPIC, split_topic
 
 GREAT_LOSS = 0.01
 HARMLESS_REASONS = (
@@ -86,7 +86,7 @@ NEAR_LABEL_S = 60.0
 
 def kinds(recording: Recording) -> Iterator[Finding]:
     """Kinds and fields without which detectors cannot work."""
-    if not any(len(recording[topic]) for topic in recording if topic != TRUTH_TOPIC):
+    if not any(len(recording[topic]) for topic in recording if topic not in LABEL_TOPICS):
         advice = "convert again, and look at the ledger"
         yield Finding("empty", "error", "", "the recording has no rows", advice)
         return

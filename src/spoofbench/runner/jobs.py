@@ -23,7 +23,7 @@ from spoofbench import codec, plugins
 from spoofbench.attacks.contract import Attack, attackable_span, draw_window, make_variant
 from spoofbench.detector import Decisions, Detector, detect, is_baseline
 from spoofbench.errors import NotApplicable, PluginError, RecordingError
-from spoofbench.recording import Interval, Recording
+from spoofbench.recording import Interval, Recording, is_really_attacked
 from spoofbench.results import write_truth
 from spoofbench.runner.blind import BlindReader, BlindWriter
 from spoofbench.sandbox import MemoryMeter, limit_memory, one_line
@@ -154,14 +154,18 @@ def survey_recording(job: RecordingJob) -> Iterator[Record]:
     whom to blame. The last record has the status ``ok``.
 
     Raises:
-        RecordingError: the recording or a donor cannot be read, or is attacked already.
+        RecordingError: the recording or a donor cannot be read, or is attacked already; a recording
+            may be by labels of a real attack, on which attacks are skipped.
     """
-    clean, donors = _read(job.path), [_read(path) for path in job.donors]
+    clean, donors = _read(job.path), _read_donors(job)
     attacks, unfit = _attacks(job), Unfit()
     first_ns = min(clean.span.start_ns + round(job.warm_up_s * 1e9), clean.span.end_ns)
     common = Interval(first_ns, clean.span.end_ns)
-    has_room = common.duration_s >= job.duration_s
-    if not has_room:
+    has_room = common.duration_s >= job.duration_s and not is_really_attacked(clean)
+    if is_really_attacked(clean):
+        reason = "the recording was really attacked; attacks are made on clean ones"
+        unfit = dict.fromkeys(attacks, ("skipped", reason))
+    elif not has_room:
         reason = (
             f"the recording has {common.duration_s:.1f} s after the warm-up, too few for an attack "
             f"of {job.duration_s:g} s"
@@ -193,7 +197,7 @@ def make_variants(
     """Write truth into the results and blind material into a folder of its own; yield a record for
     each variant, with its kinds, or why it could not be made.
     """
-    clean, donors = _read(job.path), [_read(path) for path in job.donors]
+    clean, donors = _read(job.path), _read_donors(job)
     limit_memory(job.memory_mb << 20)
     attacks, writer = _attacks(job), BlindWriter(material, clean)
     for wanted in variants:
@@ -215,14 +219,24 @@ def make_variants(
 
 @cache
 def _read(path: str) -> Recording:
-    """Read a recording, once in a process."""
+    """Read a recording, once in a process: clean, or really attacked and labelled."""
     recording = codec.read(Path(path))
-    if TRUTH_TOPIC in recording:
+    if TRUTH_TOPIC in recording and not is_really_attacked(recording):
         raise RecordingError(
             f"{Path(path).name!r} is attacked already; a suite makes its attacks itself, from "
             "clean recordings"
         )
     return recording
+
+
+def _read_donors(job: RecordingJob) -> list[Recording]:
+    donors = {path: _read(path) for path in job.donors}
+    for path, donor in donors.items():
+        if is_really_attacked(donor):
+            raise RecordingError(
+                f"{Path(path).name!r} was really attacked; leave it out of the donors of others"
+            )
+    return list(donors.values())
 
 
 def _attacks(job: RecordingJob) -> dict[str, Attack]:

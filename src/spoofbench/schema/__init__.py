@@ -89,15 +89,19 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             "odometer": aiding_pb2.Odometer.DESCRIPTOR,
             "reference/pva": ins_pb2.Pva.DESCRIPTOR,
             "truth/attack": attack_pb2.Attack.DESCRIPTOR,
+            "truth/clean": attack_pb2.CleanInterval.DESCRIPTOR,
         }.items()
     }
 )
 
-SENSOR_KINDS = frozenset(KINDS) - {"reference/pva", "truth/attack"}
+SENSOR_KINDS = frozenset(KINDS) - {"reference/pva", "truth/attack", "truth/clean"}
 """The kinds that a detector may see."""
 
 REFERENCE_TOPIC = "/reference/pva"
 TRUTH_TOPIC = "/truth/attack"
+CLEAN_TOPIC = "/truth/clean"
+LABEL_TOPICS = frozenset({TRUTH_TOPIC, CLEAN_TOPIC})
+"""What says where a recording is attacked, and where it is not."""
 
 
 def split_topic(topic: str) -> tuple[str, str]:
@@ -106,7 +110,7 @@ def split_topic(topic: str) -> tuple[str, str]:
     Raises:
         RecordingError: the topic is not ``/<source>/<kind>`` with a kind of the schema.
     """
-    if topic in (REFERENCE_TOPIC, TRUTH_TOPIC):
+    if topic in {REFERENCE_TOPIC, *LABEL_TOPICS}:
         return "", topic[1:]
     source, _, kind = topic.removeprefix("/").partition("/")
     if not topic.startswith("/") or not source or kind not in SENSOR_KINDS:

@@ -10,9 +10,14 @@ import numpy as np
 from spoofbench.arrays import Bools, Floats, Times, ragged_arange
 from spoofbench.detector import Decisions
 from spoofbench.errors import LimitError, RecordingError
-from spoofbench.recording import Interval, Recording
+from spoofbench.recording import (
+    Interval,
+    Recording,
+    attacked_intervals,
+    clean_intervals,
+    is_really_attacked,
+)
 from spoofbench.results import Truth
-from spoofbench.schema import TRUTH_TOPIC
 from spoofbench.table import Table
 
 GUARD_S = 10.0
@@ -24,6 +29,9 @@ MAX_EPOCHS = 5_000_000
 
 def build_truth(clean: Recording, variant: Recording) -> Truth:
     """Return the scoring grid of a variant; an unattacked one is its own clean recording.
+
+    So is a really attacked one, for its epochs; but where the truth would have been is unknown, and
+    so are the errors.
 
     The grid has the epochs of the variant's primary PVT, the clean epochs that the variant lacks,
     and nominal epochs in what gaps remain. Its nominal interval is the median interval of the clean
@@ -42,14 +50,19 @@ def build_truth(clean: Recording, variant: Recording) -> Truth:
     attacked = _epochs(variant)
     lost = ~_near(base.time_ns, attacked.time_ns, epoch_ns // 2)
     time_ns = _with_nominal(np.union1d(attacked.time_ns, base.time_ns[lost]), epoch_ns)
-    intervals = _intervals(variant)
+    intervals = attacked_intervals(variant)
     spoofed = within(time_ns, intervals)
+    reviewed = np.ones(time_ns.size, bool)
     reported, true = _at(attacked, time_ns), _at(base, time_ns)
+    if is_really_attacked(variant):
+        reviewed = spoofed | within(time_ns, clean_intervals(variant))
+        true = {name: np.full(time_ns.size, np.nan) for name in true}
     return Truth(
         time_ns=time_ns,
         observed=np.isin(time_ns, attacked.time_ns),
         spoofed=spoofed,
         guard=release_guard(time_ns, intervals, 0.0) & ~spoofed,
+        reviewed=reviewed,
         lat_deg=reported["lat_deg"],
         lon_deg=reported["lon_deg"],
         clean_lat_deg=true["lat_deg"],
@@ -104,18 +117,6 @@ def _epochs(recording: Recording) -> Table:
     if not recording.topics("gnss/pvt"):
         return Table("gnss/pvt", np.empty(0, np.int64), {})
     return recording.primary("gnss/pvt").last_per_time()
-
-
-def _intervals(variant: Recording) -> tuple[Interval, ...]:
-    if TRUTH_TOPIC not in variant:
-        return ()
-    truth = variant[TRUTH_TOPIC]
-    return tuple(
-        sorted(
-            Interval(start, end)
-            for start, end in zip(truth["start_ns"].tolist(), truth["end_ns"].tolist(), strict=True)
-        )
-    )
 
 
 def _near(time_ns: Times, others: Times, distance_ns: int) -> Bools:

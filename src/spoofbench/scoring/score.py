@@ -198,9 +198,9 @@ def _decisions(folder: Path, task: Task) -> Decisions:
 
 
 def _clean(truth: Truth, memory_s: float) -> Bools:
-    """Epochs neither spoofed nor within the release guard, ``(n,)``."""
+    """Epochs known to be neither spoofed nor within the release guard, ``(n,)``."""
     guard = release_guard(truth.time_ns, truth.intervals, memory_s)
-    return ~(within(truth.time_ns, truth.intervals) | guard)
+    return truth.reviewed & ~(within(truth.time_ns, truth.intervals) | guard)
 
 
 def _alerts(score: Floats) -> _Cells:

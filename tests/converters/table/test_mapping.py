@@ -73,6 +73,7 @@ def test_a_mapping_says_what_columns_are() -> None:
         ("/imu0/imu", "/imu0/imus", "is not a topic"),
         ("/imu0/imu", "/gnss0/gnss/pvt/", "is not a topic"),
         ("/imu0/imu", "/truth/attack", "attacks are made"),
+        ("/imu0/imu", "/truth/clean", "attacks are made"),
         ("gyro_z_radps", "accel_z_mps2", "of acceleration"),
         (
             '[table.log.time]\ncolumn = "t"',
