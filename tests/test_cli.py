@@ -45,6 +45,7 @@ def test_help_fits_80_columns_and_names_every_command(tmp_path: Path) -> None:
         "doctor",
         "export",
         "attack",
+        "label",
         "run",
         "score",
         "report",

@@ -20,6 +20,7 @@ ORDER = [
     "recording",
     "navigation",
     "codec",
+    "labels",
     "plugins",
     "sandbox",
     "conversion",

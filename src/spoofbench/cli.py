@@ -291,6 +291,34 @@ def attack(
 
 
 @app.command()
+def label(
+    file: Path,
+    labels: Annotated[
+        Path,
+        typer.Option("--from", metavar="TOML|CSV", help="Labels: attacked and clean intervals."),
+    ],
+    out: Annotated[Path, typer.Option("-o", help="Labelled recording to write.")],
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Exchange the labels that are there.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Say where a recording was really attacked."""
+    from dataclasses import asdict
+
+    from spoofbench.info import labels_text, summarise_labels
+    from spoofbench.labels import label_file
+
+    if out.resolve() in (file.resolve(), labels.resolve()):
+        raise typer.BadParameter(f"{str(out)!r} would take the place of what it is made from")
+    summary = summarise_labels(label_file(file, labels, out, replace=replace))
+    if as_json:
+        print_json(asdict(summary))
+    else:
+        print_lines([f"{out}: {labels_text(summary)}"])
+
+
+@app.command()
 def run(
     suite: Path,
     out: Annotated[Path, typer.Option("-o", help="Results folder.")],

@@ -23,8 +23,13 @@ from spoofbench.formatting import (
     printable,
     share_percent,
 )
-from spoofbench.recording import Recording
-from spoofbench.schema import TRUTH_TOPIC, split_topic
+from spoofbench.recording import (
+    Recording,
+    attacked_intervals,
+    clean_intervals,
+    is_really_attacked,
+)
+from spoofbench.schema import LABEL_TOPICS, TRUTH_TOPIC, split_topic
 from spoofbench.table import Table
 
 _WIDTH = 80
@@ -71,6 +76,27 @@ class MotionSummary:
 
 
 @dataclass(frozen=True, slots=True)
+class LabelSummary:
+    """What labels of a real attack say.
+
+    Attributes:
+        attacked_s, clean_s: how long the recording is labelled so.
+        unreviewed_s: how long it is labelled neither.
+        classes: of the attacks.
+        labelled_by, sources, time_bases, time_checks: who and what the labels rest on.
+    """
+
+    attacked_s: float
+    clean_s: float
+    unreviewed_s: float
+    classes: tuple[str, ...]
+    labelled_by: tuple[str, ...]
+    sources: tuple[str, ...]
+    time_bases: tuple[str, ...]
+    time_checks: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Summary:
     """One recording; ``metadata`` without the ledger, which is None where the file has none."""
 
@@ -81,6 +107,7 @@ class Summary:
     topics: tuple[TopicSummary, ...]
     motion: MotionSummary | None
     attacks: int
+    labels: LabelSummary | None
     metadata: Mapping[str, Mapping[str, str]]
     ledger: Ledger | None
     findings: tuple[Finding, ...]
@@ -93,7 +120,7 @@ def summarise(path: Path) -> Summary:
         FormatError: the file is not a recording, or is damaged.
     """
     recording = read(path)
-    has_rows = any(len(table) for topic, table in recording.items() if topic != TRUTH_TOPIC)
+    has_rows = any(len(table) for topic, table in recording.items() if topic not in LABEL_TOPICS)
     span = recording.span if has_rows else None
     return Summary(
         file=path.name,
@@ -103,6 +130,7 @@ def summarise(path: Path) -> Summary:
         topics=tuple(_topic(recording, topic) for topic in recording),
         motion=_motion(recording.primary("gnss/pvt")) if "gnss/pvt" in recording.kinds else None,
         attacks=len(recording[TRUTH_TOPIC]) if TRUTH_TOPIC in recording else 0,
+        labels=summarise_labels(recording) if is_really_attacked(recording) else None,
         metadata={
             name: dict(record) for name, record in recording.metadata.items() if name != "ledger"
         },
@@ -158,6 +186,30 @@ def _distance(pvt: Table, moving: Bools) -> float | None:
     return distance_m if np.isfinite(distance_m) else None
 
 
+def summarise_labels(recording: Recording) -> LabelSummary:
+    """Return what the labels of a really attacked recording say."""
+    attacked_s, clean_s = (
+        sum(interval.duration_s for interval in intervals)
+        for intervals in (attacked_intervals(recording), clean_intervals(recording))
+    )
+
+    def words(name: str) -> tuple[str, ...]:
+        tables = [recording[topic] for topic in sorted(LABEL_TOPICS) if topic in recording]
+        texts = [text for table in tables if name in table for text in table.texts(name) if text]
+        return tuple(dict.fromkeys(texts))
+
+    return LabelSummary(
+        attacked_s=attacked_s,
+        clean_s=clean_s,
+        unreviewed_s=max(0.0, recording.span.duration_s - attacked_s - clean_s),
+        classes=words("class"),
+        labelled_by=words("labelled_by"),
+        sources=words("label_source"),
+        time_bases=words("time_base"),
+        time_checks=words("time_check"),
+    )
+
+
 def _ledger(record: Mapping[str, str] | None) -> Ledger | None:
     if record is None:
         return None
@@ -177,6 +229,7 @@ def as_dict(summary: Summary) -> dict[str, Any]:
         "topics": [asdict(topic) for topic in summary.topics],
         "motion": asdict(summary.motion) if summary.motion else None,
         "attacks": summary.attacks,
+        "labels": asdict(summary.labels) if summary.labels else None,
         "metadata": {name: dict(record) for name, record in summary.metadata.items()},
         "ledger": summary.ledger.as_dict() if summary.ledger else None,
         "findings": [asdict(finding) for finding in summary.findings],
@@ -232,7 +285,9 @@ def _descriptions(summary: Summary) -> Iterator[tuple[str, str]]:
             yield source, _source_text(record)
     if summary.motion:
         yield "motion", _motion_text(summary.motion)
-    if summary.attacks:
+    if summary.labels:
+        yield "labels", labels_text(summary.labels)
+    elif summary.attacks:
         yield "attacks", f"{summary.attacks} in {TRUTH_TOPIC}"
     if summary.ledger:
         yield "ledger", _ledger_text(summary.ledger)
@@ -276,6 +331,27 @@ def _motion_text(motion: MotionSummary) -> str:
             "% of the time"
         )
     return ", ".join(parts) or "unknown"
+
+
+def labels_text(labels: LabelSummary) -> str:
+    """Return what labels of a real attack say, in one line."""
+    classes, makers, sources, bases, checks = (
+        ", ".join(texts)
+        for texts in (
+            labels.classes,
+            labels.labelled_by,
+            labels.sources,
+            labels.time_bases,
+            labels.time_checks,
+        )
+    )
+    attacked, clean, unreviewed = map(
+        hours_minutes_seconds, (labels.attacked_s, labels.clean_s, labels.unreviewed_s)
+    )
+    return (
+        f"really attacked for {attacked} ({classes}), clean for {clean}, not reviewed for "
+        f"{unreviewed}; by {makers}, from {sources}; time base {bases}, checked: {checks}"
+    )
 
 
 def _ledger_text(ledger: Ledger) -> str:
