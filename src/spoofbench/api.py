@@ -179,7 +179,8 @@ def evaluate(
         detector: name of an entry point of ``spoofbench.detectors``, or an instance.
         variant: attacked or not.
         clean: what it was before the attack; without it, position errors are unknown.
-        hold_s: how long a decision stands; None is one epoch.
+        hold_s: how long a decision stands; None is 1.1 times the interval of the fixes or, where
+            that is longer, of the decisions (of which at most 10 s).
         parameters: of the named detector.
 
     Raises:

@@ -52,7 +52,7 @@ class Task:
         requires: kinds without which it cannot run, as JSON text.
         memory_s: how long an alert may outlast its cause.
         baseline: whether the detector says that it is one that others must beat.
-        hold_s: how long a decision stands; None for one epoch.
+        hold_s: how long a decision stands; None for the default of the scoring grid.
         target_far_per_hour: the false-alert rate that detectors are to keep.
         status, reason: what became of it, and why where that is not ``ok``.
     """

@@ -30,7 +30,7 @@ file.
     name = "correlation"               # plugin
     id = "correlation-H_ag"            # default: the name
     parameters = { statistic = "H_ag" }
-    hold_s = 1.0                       # how long a decision stands; default: one epoch
+    hold_s = 1.0                       # how long a decision stands; default: 1.1 intervals
 
 A detector with a parameter called ``rate_per_hour`` that the suite leaves open gets
 ``target_far_per_hour``.
@@ -120,7 +120,7 @@ class AttackEntry:
 
 @dataclass(frozen=True, slots=True)
 class DetectorEntry:
-    """A detector plugin with parameters; ``hold_s`` None means one epoch."""
+    """A detector plugin with parameters; ``hold_s`` None means the default of the scoring grid."""
 
     id: Label
     plugin: Label = field(metadata={"key": "name"})

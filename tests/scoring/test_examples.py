@@ -10,15 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spoofbench.arrays import Times
 from spoofbench.detector import Decisions
 from spoofbench.recording import Interval
 from spoofbench.results import Truth
-from spoofbench.scoring.grid import score_on_grid, within
+from spoofbench.scoring.grid import default_hold_s, score_on_grid, within
 from spoofbench.scoring.metrics import detection_pct, false_alerts, find_events, share
 
 HERE = Path(__file__).parent
 ORIGINAL = HERE.parents[2] / "shared" / "design" / "score_examples.json"
 CASES = json.loads((HERE / "score_examples.json").read_text())
+HOLDS = json.loads((HERE / "hold_examples.json").read_text())
 ORIGINALS = json.loads(ORIGINAL.read_text()) if ORIGINAL.exists() else []
 
 
@@ -63,8 +65,17 @@ def scored(case: dict[str, Any]) -> dict[str, Any]:
                 "alert_before": event.alert_before,
                 "detected": event.detected,
                 "ttfd_s": event.ttfd_s,
+                "persisted_s": event.persisted_s,
+                "retrust_s": event.retrust_s,
             }
-            for event in find_events(time_ns, alert, available, intervals)
+            for event in find_events(
+                time_ns,
+                alert & available,
+                intervals,
+                hold_s=1.1 * case["dt_s"],
+                end_ns=alert.size * epoch_ns,
+                unreviewed_ns=time_ns[:0],
+            )
         ],
     }
 
@@ -73,6 +84,11 @@ def check(case: dict[str, Any]) -> None:
     found = scored(case)
     assert found.keys() >= case["expected"].keys()
     for name, expected in case["expected"].items():
+        if name == "events":
+            assert len(found[name]) == len(expected)
+            for event, wanted in zip(found[name], expected, strict=True):
+                assert event.items() >= wanted.items()
+            continue
         assert found[name] == (
             pytest.approx(expected, rel=1e-12) if isinstance(expected, float) else expected
         ), name
@@ -87,9 +103,15 @@ def test_worked_case(case: dict[str, Any]) -> None:
 def test_original_cases() -> None:
     for case in ORIGINALS:
         check(case)
-    assert [case["name"] for case in ORIGINALS] == [case["name"] for case in CASES]
-    for name in ("t_s", "alert", "available", "spoofed", "expected"):
-        assert [case[name] for case in ORIGINALS] == [unfolded(case)[name] for case in CASES]
+    ours = [unfolded(case) for case in CASES[: len(ORIGINALS)]]
+    for name in ("name", "t_s", "alert", "available", "spoofed", "expected"):
+        assert [case[name] for case in ORIGINALS] == [case[name] for case in ours]
+
+
+def grid(time_ns: Times, epoch_ns: int) -> Truth:
+    """A truth without an attack."""
+    nothing, flags = np.full(time_ns.size, np.nan), np.zeros(time_ns.size, bool)
+    return Truth(time_ns, ~flags, flags, flags, ~flags, *itertools.repeat(nothing, 6), epoch_ns, ())
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"])
@@ -97,17 +119,28 @@ def test_decisions_at_epochs_come_through_the_grid(case: dict[str, Any]) -> None
     full = unfolded(case)
     time_ns = np.array([round(t * 1e9) for t in full["t_s"]], np.int64)
     alert, available = np.array(full["alert"]), np.array(full["available"])
-    nothing = np.full(time_ns.size, np.nan)
-    flags = np.zeros(time_ns.size, bool)
-    truth = Truth(
-        time_ns,
-        *(~flags, flags, flags, ~flags),
-        *itertools.repeat(nothing, 6),
-        round(full["dt_s"] * 1e9),
-        (),
-    )
     score = np.where(alert, 1.5, 0.5)
+    truth = grid(time_ns, round(full["dt_s"] * 1e9))
     np.testing.assert_array_equal(
-        score_on_grid(Decisions(time_ns, score, available), truth, None),
+        score_on_grid(
+            Decisions(time_ns, score, available), truth, default_hold_s(truth.epoch_ns, time_ns)
+        ),
         np.where(available, score, np.nan),
+    )
+
+
+@pytest.mark.parametrize("case", HOLDS, ids=lambda case: case["name"])
+def test_worked_case_of_a_hold(case: dict[str, Any]) -> None:
+    """A score of null is an unavailable decision, or an unavailable epoch."""
+    epochs, times, clean = (
+        np.array([round(t * 1e9) for t in case[name]], np.int64)
+        for name in ("epoch_s", "decision_s", "clean_decision_s")
+    )
+    score = np.array(case["score"], np.float64)
+    truth = grid(epochs, int(np.median(np.diff(epochs))))
+    hold_s = default_hold_s(truth.epoch_ns, clean)
+    assert hold_s == pytest.approx(case["expected"]["hold_s"])
+    np.testing.assert_array_equal(
+        score_on_grid(Decisions(times, score, ~np.isnan(score)), truth, hold_s),
+        np.array(case["expected"]["score"], np.float64),
     )

@@ -9,7 +9,7 @@ from spoofbench.detector import Decisions
 from spoofbench.errors import LimitError, RecordingError
 from spoofbench.recording import Interval, Recording
 from spoofbench.results import Truth
-from spoofbench.scoring.grid import build_truth, release_guard, score_on_grid
+from spoofbench.scoring.grid import build_truth, default_hold_s, release_guard, score_on_grid
 from spoofbench.table import Table
 
 S = 1_000_000_000
@@ -205,10 +205,28 @@ def decisions(seconds: list[float], score: list[float]) -> Decisions:
     return Decisions(np.array([round(s * S) for s in seconds], np.int64), score, ~np.isnan(score))
 
 
-def test_an_epoch_takes_the_latest_decision_after_the_previous_epoch() -> None:
-    truth = build_truth(*[recording([0, 1, 2, 3, 4])] * 2)
-    made = decisions([0, 0.4, 0.9, 2, 3.2, 3.5], [0.1, 5.0, 0.2, 3.0, 4.0, np.nan])
-    np.testing.assert_array_equal(score_on_grid(made, truth, None), [0.1, 0.2, 3.0, np.nan, np.nan])
+def test_an_epoch_takes_the_latest_decision_that_still_stands() -> None:
+    truth = build_truth(*[recording([0, 1, 2, 3, 4, 5])] * 2)
+    made = decisions([0, 0.4, 0.8, 2.05, 3.2, 3.5], [0.1, 5.0, 0.2, 3.0, 4.0, np.nan])
+    np.testing.assert_array_equal(
+        score_on_grid(made, truth, 1.1), [0.1, 0.2, np.nan, 3.0, np.nan, np.nan]
+    )
+
+
+@pytest.mark.parametrize(
+    ("clean_s", "hold_s"),
+    [
+        ([], 1.1),
+        ([7], 1.1),
+        ([0, 0.1, 0.2, 0.3], 1.1),
+        ([0, 4, 8, 30], 4.4),
+        ([0, 60, 120, 121], 11.0),
+    ],
+)
+def test_the_default_hold(clean_s: list[float], hold_s: float) -> None:
+    times = np.array([round(t * S) for t in clean_s], np.int64)
+    assert default_hold_s(S, times) == pytest.approx(hold_s)
+    assert default_hold_s(30 * S, times) == pytest.approx(33)
 
 
 def test_a_hold_lets_a_decision_last() -> None:
@@ -222,23 +240,18 @@ def test_a_hold_lets_a_decision_last() -> None:
 TIMES = st.lists(st.integers(-50, 350), max_size=40, unique=True).map(sorted)
 
 
-@given(TIMES, st.none() | st.integers(0, 30), st.data())
-def test_agrees_with_a_loop(tenths: list[int], hold: int | None, data: st.DataObject) -> None:
+@given(TIMES, st.integers(0, 30), st.data())
+def test_agrees_with_a_loop(tenths: list[int], hold: int, data: st.DataObject) -> None:
     truth = build_truth(*[recording([0, 1, 2, 5, 6.1, 7, 8, 9, 20, 21])] * 2)
     score = data.draw(
         st.lists(st.floats(0, 2) | st.just(np.nan), min_size=len(tenths), max_size=len(tenths))
     )
-    expected, previous = [], int(truth.time_ns[0]) - truth.epoch_ns
+    expected = []
     for epoch in truth.time_ns.tolist():
         earlier = [
             (t * S // 10, s) for t, s in zip(tenths, score, strict=True) if t * S // 10 <= epoch
         ]
-        held = bool(earlier) and (
-            earlier[-1][0] > previous if hold is None else epoch - earlier[-1][0] <= hold * S // 10
-        )
+        held = bool(earlier) and epoch - earlier[-1][0] <= hold * S // 10
         expected.append(earlier[-1][1] if held else np.nan)
-        previous = epoch
-    got = score_on_grid(
-        decisions([t / 10 for t in tenths], score), truth, None if hold is None else hold / 10
-    )
+    got = score_on_grid(decisions([t / 10 for t in tenths], score), truth, hold / 10)
     np.testing.assert_array_equal(got, expected)

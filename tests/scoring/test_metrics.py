@@ -1,10 +1,11 @@
 """Measures: laws that they obey, and agreement with loops that spell the definitions out."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from spoofbench.arrays import Bools, Times
@@ -12,6 +13,7 @@ from spoofbench.recording import Interval
 from spoofbench.scoring import metrics
 
 S = 1_000_000_000
+NONE = np.empty(0, np.int64)
 
 
 class Run(NamedTuple):
@@ -43,26 +45,52 @@ def attacks(draw: st.DrawFn, end: int = 300) -> list[Interval]:
     return [Interval(a * S, b * S) for a, b in zip(bounds[::2], bounds[1::2], strict=False)]
 
 
-def episodes_by_loop(run: Run) -> int:
-    """Walk the epochs with a clock that ticks at available ones only."""
-    clock, first, last, count = 0, None, None, 0
-    for on, usable in zip(run.alert, run.available, strict=True):
-        if not usable:
+def episodes_by_loop(run: Run, step_s: int = 1) -> int:
+    """Walk the epochs, ``step_s`` apart, with a watch in hand."""
+    first, last, count = 0.0, -np.inf, 0
+    for row, (on, usable) in enumerate(zip(run.alert, run.available, strict=True)):
+        now = row * step_s
+        if not (on and usable):
             continue
-        clock += 1
-        if not on:
-            continue
-        if first is None or last is None or clock - last >= 10:
-            first, count = clock, count + 1
-        elif (clock - first) // 60 > (last - first) // 60:
-            count += 1
-        last = clock
+        if now - last >= max(10, 1.5 * step_s):
+            first, count = now, count + 1
+        else:
+            count += int((now - first) // 60 - (last - first) // 60)
+        last = now
     return count
 
 
-@given(runs())
-def test_episodes_agree_with_a_loop(run: Run) -> None:
-    assert metrics.count_episodes(run.time_ns, run.alert, run.available, S) == episodes_by_loop(run)
+@given(runs(), st.sampled_from([1, 3, 9, 10, 30, 90]))
+def test_episodes_agree_with_a_loop(run: Run, step_s: int) -> None:
+    assert metrics.count_episodes(
+        step_s * run.time_ns, run.alert, run.available, step_s * S
+    ) == episodes_by_loop(run, step_s)
+
+
+@given(st.integers(1, 200), st.integers(1, 100))
+def test_an_alarm_that_never_stops_counts_its_minutes_at_any_rate(epochs: int, step_s: int) -> None:
+    always = np.ones(epochs, bool)
+    counted = metrics.count_episodes(np.arange(epochs) * step_s * S, always, always, step_s * S)
+    assert counted == 1 + (epochs - 1) * step_s // 60
+
+
+@given(runs(), st.data())
+def test_a_further_false_episode_never_improves(run: Run, data: st.DataObject) -> None:
+    """One at least 10 s from any other; a nearer one may join two."""
+    alert = run.alert & run.available
+    far = np.array([not alert[max(0, row - 9) : row + 10].any() for row in range(alert.size)])
+    rows = np.flatnonzero(far & run.available)
+    assume(rows.size)
+    more = alert.copy()
+    more[data.draw(st.sampled_from(rows.tolist()))] = True
+    before, after = (
+        metrics.false_alerts(run.time_ns, flags, run.available, S) for flags in (alert, more)
+    )
+    assert after.episodes == before.episodes + 1
+    assert after.hours == before.hours
+    assert before.per_hour is not None
+    assert after.per_hour is not None
+    assert after.per_hour > before.per_hour
 
 
 @pytest.mark.parametrize(
@@ -72,9 +100,10 @@ def test_episodes_agree_with_a_loop(run: Run) -> None:
         ([5, 15], [], 2),
         (range(60), [], 1),
         (range(61), [], 2),
-        ([5, 30], range(6, 30), 1),
-        ([5, 30], range(6, 21), 2),
-        ([5, 100], range(6, 100), 1),
+        ([5, 14], range(6, 14), 1),
+        ([5, 15], range(6, 15), 2),
+        ([5, 30], range(6, 30), 2),
+        (range(0, 180, 9), sorted({*range(180)} - {*range(0, 180, 9)}), 3),
         ([], [], 0),
     ],
 )
@@ -156,31 +185,187 @@ def test_detection_counts_epochs(run: Run, intervals: list[Interval]) -> None:
     assert over_available == (100 * hits / usable if usable else None)
 
 
-@given(runs(), attacks())
-def test_events_agree_with_a_loop(run: Run, intervals: list[Interval]) -> None:
-    found = metrics.find_events(run.time_ns, run.alert, run.available, intervals)
+def alarm_by_loop(run: Run, hold: int) -> Bools:
+    """Whether an alarm is on in each second: raised by an alert, ended by anything else or when
+    the last alert is older than the hold. Decisions come where ``alert`` was drawn, see below.
+    """
+    on, last, state = np.zeros(run.alert.size + 400, bool), -1, False
+    decided = dict(zip((run.time_ns // S).tolist(), run.alert & run.available, strict=False))
+    for second in range(on.size):
+        if second in decided:
+            state, last = bool(decided[second]), second
+        on[second] = state and second < last + hold
+    return on
+
+
+@given(runs(), attacks(), st.sampled_from([1, 2, 4, 100]), st.data())
+def test_events_agree_with_a_loop(
+    run: Run, intervals: list[Interval], hold: int, data: st.DataObject
+) -> None:
+    kept = np.array(
+        data.draw(st.lists(st.booleans(), min_size=run.alert.size, max_size=run.alert.size))
+    )
+    run = Run(*(values[kept] for values in run))
+    alert, end = run.alert & run.available, int(kept.size)
+    found = metrics.find_events(
+        run.time_ns, alert, intervals, hold_s=hold, end_ns=end * S, unreviewed_ns=NONE
+    )
     assert len(found) == len(intervals)
-    for interval, event in zip(intervals, found, strict=True):
+    alarm = alarm_by_loop(run, hold)
+    for number, (interval, event) in enumerate(zip(intervals, found, strict=True)):
         on, before, detection = False, False, None
-        for time, alert, usable in zip(run.time_ns.tolist(), run.alert, run.available, strict=True):
-            if not usable:
-                continue
+        for time, alerts in zip(run.time_ns.tolist(), alert.tolist(), strict=True):
             if time < interval.start_ns:
-                before = alert
-            elif time < interval.end_ns and alert and not on and detection is None:
+                before = alerts
+            elif time < interval.end_ns and alerts and not on and detection is None:
                 detection = time
-            on = alert
-        assert event == metrics.Event(interval, bool(before), detection)
+            on = alerts
+        assert event.interval == interval
+        assert event.alert_before == before
+        assert event.detection_ns == detection
         assert event.ttfd_s is None or 0 <= event.ttfd_s < interval.duration_s
         assert event.detected == (event.ttfd_s is not None)
+        if detection is None:
+            assert event.persisted_s is None
+        else:
+            stays = alarm[detection // S : interval.end_ns // S]
+            assert event.persisted_s == (stays.size if stays.all() else np.argmin(stays))
+        release = interval.end_ns // S
+        following = intervals[number + 1 : number + 2]
+        stop = min([end, *(other.start_ns // S for other in following)])
+        stays = alarm[release:]
+        was_on = release > 0 and alarm[release - 1] and state_before(run, release, hold)
+        length = int(np.argmin(stays)) if was_on else 0
+        censored = length > 0 and release + length >= stop
+        assert event.retrust_censored == censored
+        assert event.retrust_s == (None if censored else length)
+
+
+def state_before(run: Run, release: int, hold: int) -> bool:
+    """Whether the alarm of the decisions before the release still stands at it."""
+    alert = run.alert & run.available
+    earlier = np.flatnonzero(run.time_ns < release * S)
+    if not (earlier.size and alert[earlier[-1]]):
+        return False
+    last = int(run.time_ns[earlier[-1]]) // S
+    return release < last + hold or (release == last + hold and release * S in run.time_ns)
+
+
+@given(runs(), attacks(), st.data())
+def test_detecting_earlier_never_worsens(
+    run: Run, intervals: list[Interval], data: st.DataObject
+) -> None:
+    """An alert more, in an attack and before its detection: sooner, and with less error."""
+    assume(intervals)
+    alert = run.alert & run.available
+    number = data.draw(st.integers(0, len(intervals) - 1))
+    (before,) = events_of(run.time_ns, alert, [intervals[number]])
+    until_ns = before.interval.end_ns if before.detection_ns is None else before.detection_ns
+    rows = np.flatnonzero(
+        (run.time_ns >= before.interval.start_ns) & (run.time_ns < until_ns) & ~alert
+    )
+    assume(rows.size)
+    more = alert.copy()
+    more[data.draw(st.sampled_from(rows.tolist()))] = True
+    (after,) = events_of(run.time_ns, more, [intervals[number]])
+    if after.detection_ns is None:  # it joined the alarm that was on before: nothing is new
+        assert before.detection_ns is None
+        assert before.alert_before
+        return
+    assert before.detection_ns is None or after.detection_ns <= before.detection_ns
+    error_m = np.random.default_rng(0).random(alert.size)
+    worse, better = (
+        metrics.harm(event, run.time_ns, error_m, flags, alert_limit_m=0.9, time_to_alert_s=6)
+        for event, flags in ((before, alert), (after, more))
+    )
+    assert better.largest_error_before_alert_m is not None
+    assert worse.largest_error_before_alert_m is not None
+    assert better.largest_error_before_alert_m <= worse.largest_error_before_alert_m
+    assert better.alerted_share is not None
+    assert worse.alerted_share is not None
+    assert better.alerted_share > worse.alerted_share
+    assert better.hazard_ns == worse.hazard_ns
+    assert bool(better.warned) >= bool(worse.warned)
+
+
+def events_of(time_ns: Times, alert: Bools, intervals: list[Interval]) -> list[metrics.Event]:
+    return metrics.find_events(
+        time_ns, alert, intervals, hold_s=1.1, end_ns=time_ns.size * S, unreviewed_ns=NONE
+    )
 
 
 def test_time_to_detection_uses_the_times_of_the_decisions() -> None:
     times = np.array([0, 900_000_000, 2_250_000_000], np.int64)
-    (event,) = metrics.find_events(
-        times, np.array([False, False, True]), np.ones(3, bool), [Interval(S, 3 * S)]
-    )
+    (event,) = events_of(times, np.array([False, False, True]), [Interval(S, 3 * S)])
     assert event.ttfd_s == 1.25
+    assert event.persisted_s == 0.75
+
+
+def test_what_comes_after_the_release_may_hide_the_end_of_the_alarm() -> None:
+    alert = np.zeros(100, bool)
+    alert[15:40] = True
+    attack, times = Interval(10 * S, 20 * S), np.arange(100) * S
+
+    def retrust(*others: Interval, end: int = 100, unreviewed: Sequence[int] = ()) -> object:
+        event = metrics.find_events(
+            times,
+            alert,
+            [attack, *others],
+            hold_s=1.1,
+            end_ns=end * S,
+            unreviewed_ns=np.array(unreviewed, np.int64) * S,
+        )[0]
+        assert event.retrust_censored == (event.retrust_s is None)
+        return event.retrust_s
+
+    assert retrust() == 20
+    assert retrust(unreviewed=[*range(20), 41, 42]) == 20
+    assert retrust(unreviewed=[39, 40]) is None
+    assert retrust(unreviewed=range(22)) is None
+    assert retrust(Interval(30 * S, 31 * S)) is None
+    assert retrust(Interval(15 * S, 21 * S)) is None
+    assert retrust(end=40) is None
+    alert[19] = False
+    assert retrust(Interval(20 * S, 31 * S)) == 0
+
+
+def test_what_an_attack_did() -> None:
+    """Error of 10 m per epoch from 2 s on, alerts at 4 s and at 7 s; the limit is 25 m."""
+    time_ns, attack = np.arange(10) * S, Interval(2 * S, 8 * S)
+    error_m = np.array([0, 0, 10, 20, np.nan, 40, 50, 60, 900, 0])
+    alert = np.isin(np.arange(10), [4, 7])
+
+    def done(at: float | None, wait_s: float, limit_m: float = 25.0) -> metrics.Harm:
+        at_ns = None if at is None else round(at * S)
+        event = metrics.Event(attack, False, at_ns, None, 0.0, False)
+        return metrics.harm(
+            event, time_ns, error_m, alert, alert_limit_m=limit_m, time_to_alert_s=wait_s
+        )
+
+    assert done(4, 0) == metrics.Harm(2 / 6, None, 20.0, 50.0, 5 * S, True, True)
+    assert done(None, 9) == metrics.Harm(2 / 6, None, 60.0, 50.0, 5 * S, True, False)
+    assert done(7.5, 2.5).warned is True
+    assert done(7.5, 2.4).warned is False
+    assert (done(7.5, 0).error_at_detection_m, done(7.5, 0).largest_error_before_alert_m) == (
+        60,
+        60,
+    )
+    assert (done(None, 0, 60).hazardous, done(None, 0, 60).warned) == (False, None)
+    error_m[2:8] = np.nan
+    assert done(None, 0) == metrics.Harm(2 / 6, None, None, None, None, None, None)
+
+
+def test_a_detection_before_the_first_epoch_of_the_attack_has_the_error_until_then() -> None:
+    event = metrics.Event(Interval(S // 2, 9 * S), False, 3 * S // 4, None, 0.0, False)
+    done = metrics.harm(
+        event,
+        np.arange(9) * S,
+        np.arange(9.0),
+        np.zeros(9, bool),
+        alert_limit_m=1.0,
+        time_to_alert_s=0.0,
+    )
+    assert (done.error_at_detection_m, done.largest_error_before_alert_m) == (0, 0)
 
 
 def test_position_errors() -> None:
@@ -216,7 +401,7 @@ def test_a_denser_stretch_without_detector_does_not_join_episodes() -> None:
     )
     alert, counted = np.zeros(300, bool), np.ones(300, bool)
     counted[100:200] = False
-    alert[[80, 210]] = True
+    alert[[99, 200]] = True
     assert metrics.count_episodes(time_ns, alert, counted, S) == 2
 
 

@@ -162,7 +162,7 @@ def test_an_attack_in_the_unattacked_recording_is_neither_clean_nor_within_the_g
 
 
 @pytest.mark.parametrize(
-    ("hold_s", "pct", "available_pct"), [(None, 10, 100), (4.0, 50, 100), (20.0, 100, 100)]
+    ("hold_s", "pct", "available_pct"), [(None, 20, 100), (4.0, 50, 100), (20.0, 100, 100)]
 )
 def test_a_hold_keeps_a_slow_detector_available(
     bench: Any, hold_s: float | None, pct: float, available_pct: float

@@ -23,6 +23,9 @@ from spoofbench.table import Table
 GUARD_S = 10.0
 """Least length of the release guard after an attack."""
 
+LONGEST_DEFAULT_HOLD_S = 10.0
+"""Longest interval between a detector's own decisions that :func:`default_hold_s` bridges."""
+
 MAX_EPOCHS = 5_000_000
 """Largest grid; a recording whose clock jumps by years would need more."""
 
@@ -95,21 +98,36 @@ def release_guard(time_ns: Times, intervals: Sequence[Interval], memory_s: float
     )
 
 
-def score_on_grid(decisions: Decisions, truth: Truth, hold_s: float | None) -> Floats:
+def default_hold_s(epoch_ns: int, clean_decision_time_ns: Times) -> float:
+    """Return how long a decision stands where the suite does not say, in seconds.
+
+    It is 1.1 times the median PVT interval, or, where that is longer, the median interval of the
+    detector's own decisions on the clean recording, but at most 10 s of it: a detector that
+    decides less often than fixes come is available in between, one that decides when it likes is
+    not. The tenth is for jitter.
+
+    Args:
+        epoch_ns: nominal interval of the grid.
+        clean_decision_time_ns: of the detector on the clean recording, available or not, ``(m,)``.
+    """
+    own_ns = 0.0
+    if clean_decision_time_ns.size > 1:
+        own_ns = float(np.median(np.diff(clean_decision_time_ns)))
+    return 1.1 * max(epoch_ns, min(own_ns, LONGEST_DEFAULT_HOLD_S * 1e9)) / 1e9
+
+
+def score_on_grid(decisions: Decisions, truth: Truth, hold_s: float) -> Floats:
     """Return the score that holds at each epoch, shape ``(n,)``, NaN where unavailable.
 
-    An epoch takes the latest decision after the previous epoch, or with ``hold_s`` the latest that
-    is not older than that. Where there is none, or it is unavailable, so is the epoch.
+    An epoch takes the latest decision up to it that is not older than ``hold_s``. Where there is
+    none, or it is unavailable, so is the epoch.
     """
     if decisions.time_ns.size == 0:
         return np.full(truth.time_ns.size, np.nan)
     latest = np.searchsorted(decisions.time_ns, truth.time_ns, "right") - 1
-    time_ns = decisions.time_ns[np.maximum(latest, 0)]
-    if hold_s is None:
-        fresh = time_ns > np.concatenate([truth.time_ns[:1] - truth.epoch_ns, truth.time_ns[:-1]])
-    else:
-        fresh = truth.time_ns - time_ns <= round(hold_s * 1e9)
-    return np.where((latest >= 0) & fresh, decisions.score[latest], np.nan)
+    age_ns = truth.time_ns - decisions.time_ns[np.maximum(latest, 0)]
+    fresh = (latest >= 0) & (age_ns <= round(hold_s * 1e9))
+    return np.where(fresh, decisions.score[latest], np.nan)
 
 
 def _epochs(recording: Recording) -> Table:

@@ -15,7 +15,7 @@ from spoofbench.recording import Interval
 from spoofbench.scoring.statistics import poisson_rate
 
 MIN_SEPARATION_NS = 10_000_000_000
-"""Alerts less than this apart are one episode."""
+"""Alerts less than this apart are one episode, where epochs are not further apart themselves."""
 
 MAX_EPISODE_NS = 60_000_000_000
 """An episode counts again whenever it has lasted this much longer."""
@@ -45,17 +45,26 @@ class FalseAlerts:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One attack interval and its first detection.
+    """One attack interval and what the detector's decisions made of it; see :func:`find_events`.
 
     Attributes:
         interval: the attack.
-        alert_before: an alert was on when it began.
+        alert_before: the last decision before it was an alert.
         detection_ns: time of the first detection within it; None where it was missed.
+        persisted_s: how long the alarm of that detection goes on within the attack; None where it
+            was missed.
+        retrust_s: from the release to the end of the alarm that is on then, 0 where none is; None
+            where that end was not seen.
+        retrust_censored: whether ``retrust_s`` is None because something else came first: the end
+            of the recording, the next attack, or a part that was not reviewed.
     """
 
     interval: Interval
     alert_before: bool
     detection_ns: int | None
+    persisted_s: float | None
+    retrust_s: float | None
+    retrust_censored: bool
 
     @property
     def detected(self) -> bool:
@@ -68,24 +77,64 @@ class Event:
         return None if at_ns is None else (at_ns - self.interval.start_ns) / 1e9
 
 
+@dataclass(frozen=True, slots=True)
+class Harm:
+    """What an attack did to the position while the detector did what it did; see :func:`harm`.
+
+    Errors are 3-D, in metres, over the epochs of the grid where they are known; None where they
+    are nowhere.
+
+    Attributes:
+        alerted_share: alerted share of the epochs of the attack, 0 to 1, where unavailable is not
+            alerted; None where no epoch lies within it.
+        error_at_detection_m: at the latest epoch at or before the detection; None where missed.
+        largest_error_before_alert_m: over the epochs of the attack up to and including the time of
+            its detection, or, where none came before it, the error at detection; over the whole
+            attack where it was missed.
+        largest_error_while_silent_m: over the epochs of the attack without an alert, those after a
+            detection included; None where every one is alerted.
+        hazard_ns: the first epoch of the attack whose error exceeds the alert limit; None where
+            none does.
+        hazardous: whether there is one; None where no error is known.
+        warned: whether a detection came at most the time to alert after ``hazard_ns``; None where
+            the attack is not hazardous.
+    """
+
+    alerted_share: float | None
+    error_at_detection_m: float | None
+    largest_error_before_alert_m: float | None
+    largest_error_while_silent_m: float | None
+    hazard_ns: int | None
+    hazardous: bool | None
+    warned: bool | None
+
+
 def share(part: Bools, whole: Bools) -> float | None:
     """Return the share of the epochs of ``whole`` that are in ``part`` too, 0 to 1."""
     return int((part & whole).sum()) / int(whole.sum()) if whole.any() else None
 
 
+def separation_ns(epoch_ns: int) -> int:
+    """Return the time from which on two alerts are two episodes: 10 s, or 1.5 epochs if longer.
+
+    The grid has an epoch at least every 1.5 nominal intervals: alerts at neighbouring epochs are
+    one episode at any rate.
+    """
+    return max(MIN_SEPARATION_NS, 3 * epoch_ns // 2)
+
+
 def count_episodes(time_ns: Times, alert: Bools, counted: Bools, epoch_ns: int) -> int:
     """Count the alarm episodes on the epochs that ``counted`` marks.
 
-    Alerts less than 10 s apart are one episode, and an episode counts again for every 60 s from its
-    first to its last alert. Both run on a clock that stands still at epochs that do not count, such
-    as unavailable ones: they neither split nor prolong an episode, as they do not add to the hours
-    that it is divided by.
+    Alerts less than :func:`separation_ns` apart are one episode, and an episode counts again for
+    every 60 s from its first to its last alert. Both run on the recording's clock: what happens
+    at epochs that do not count, such as unavailable ones, is not looked at, and a stretch of them
+    that lasts as long as the separation ends an episode.
     """
-    clock_ns = np.cumsum(np.where(counted, _steps_ns(time_ns, epoch_ns), 0))
-    on_ns = clock_ns[alert & counted]
+    on_ns = time_ns[alert & counted]
     if on_ns.size == 0:
         return 0
-    begins = np.flatnonzero(np.append(True, np.diff(on_ns) >= MIN_SEPARATION_NS))
+    begins = np.flatnonzero(np.append(True, np.diff(on_ns) >= separation_ns(epoch_ns)))
     ends = np.append(begins[1:], on_ns.size) - 1
     return int((1 + (on_ns[ends] - on_ns[begins]) // MAX_EPISODE_NS).sum())
 
@@ -151,26 +200,114 @@ def detection_pct(
 
 
 def find_events(
-    time_ns: Times, alert: Bools, available: Bools, intervals: Sequence[Interval]
+    time_ns: Times,
+    alert: Bools,
+    intervals: Sequence[Interval],
+    *,
+    hold_s: float,
+    end_ns: int,
+    unreviewed_ns: Times,
 ) -> list[Event]:
-    """Find the first detection of each attack interval.
+    """Find what the detector made of each attack interval, at the times of its own decisions.
 
-    A detection is a rising edge: where an alert is already on when the attack begins, a new one
-    after a decision without alert. Unavailable decisions clear nothing.
+    A detection is a rising edge within the interval: an alert after a decision that was none,
+    whether it was silent or unavailable, or the first decision of all. An alarm goes on through
+    alerts at most ``hold_s`` apart; it ends at the next decision that is no alert, or when its
+    last alert is older than ``hold_s``. One that merely ran out has not been taken back: the next
+    alert is no rising edge.
+
+    The alarm that is on at the release is that of the last decision before it. It is followed
+    until another attack is on, an unreviewed epoch comes, or the recording ends.
 
     Args:
-        time_ns, alert, available: the detector's decisions at their own times, shape ``(m,)``.
+        time_ns: of the decisions, ``(m,)``.
+        alert: whether each is available and above the threshold, ``(m,)``.
         intervals: of the attacks.
+        hold_s: how long a decision stands.
+        end_ns: of the recording.
+        unreviewed_ns: epochs of which it is not known whether they are attacked, ``(k,)``.
     """
-    time_ns, alert = time_ns[available], alert[available]
     rising = alert & ~np.append(False, alert[:-1])
+    alarm_end_ns = _alarm_ends_ns(time_ns, alert, round(hold_s * 1e9))
     events = []
     for interval in intervals:
         first, end = np.searchsorted(time_ns, (interval.start_ns, interval.end_ns))
-        edges = np.flatnonzero(rising[first:end])
-        detection_ns = int(time_ns[first + edges[0]]) if edges.size else None
-        events.append(Event(interval, bool(first > 0 and alert[first - 1]), detection_ns))
+        edges = first + np.flatnonzero(rising[first:end])
+        detection_ns = persisted_s = None
+        if edges.size:
+            detection_ns = int(time_ns[edges[0]])
+            alarm_ns = min(int(alarm_end_ns[edges[0]]), interval.end_ns) - detection_ns
+            persisted_s = alarm_ns / 1e9
+        release_ns = interval.end_ns
+        off_ns = max(int(alarm_end_ns[end - 1]), release_ns) if end else release_ns
+        attacked_ns = [
+            max(other.start_ns, release_ns) for other in intervals if other.end_ns > release_ns
+        ]
+        unknown_ns = unreviewed_ns[unreviewed_ns >= release_ns]
+        censored = off_ns > release_ns and off_ns >= min([end_ns, *attacked_ns, *unknown_ns[:1]])
+        events.append(
+            Event(
+                interval=interval,
+                alert_before=bool(first > 0 and alert[first - 1]),
+                detection_ns=detection_ns,
+                persisted_s=persisted_s,
+                retrust_s=None if censored else (off_ns - release_ns) / 1e9,
+                retrust_censored=censored,
+            )
+        )
     return events
+
+
+def _alarm_ends_ns(time_ns: Times, alert: Bools, hold_ns: int) -> Times:
+    """When the alarm that is on at each decision ends, ``(m,)``; where it is off, at that time."""
+    if not time_ns.size:
+        return time_ns
+    runs_out_ns = time_ns + hold_ns
+    next_ns = np.append(time_ns[1:], runs_out_ns[-1])
+    goes_on = alert & np.append(alert[1:], False) & (next_ns <= runs_out_ns)
+    last = np.flatnonzero(~goes_on)
+    last = last[np.searchsorted(last, np.arange(time_ns.size))]
+    return np.where(alert, np.minimum(next_ns, runs_out_ns)[last], time_ns)
+
+
+def harm(
+    event: Event,
+    time_ns: Times,
+    position_error_m: Floats,
+    alert: Bools,
+    *,
+    alert_limit_m: float,
+    time_to_alert_s: float,
+) -> Harm:
+    """Return what an attack did to the position.
+
+    Args:
+        event: what the decisions made of it.
+        time_ns, position_error_m, alert: epochs of the grid, ``(n,)``; errors NaN where unknown,
+            alerts of the held score.
+        alert_limit_m: position error that is hazardous.
+        time_to_alert_s: how long after the error exceeds it a detection still warns.
+    """
+    inside = event.interval.covers(time_ns)
+    at_ns = event.detection_ns
+    at_m = None if at_ns is None else error_at(time_ns, position_error_m, at_ns)
+    before_m = largest_error(
+        position_error_m, inside if at_ns is None else inside & (time_ns <= at_ns)
+    )
+    over = np.flatnonzero(inside & (position_error_m > alert_limit_m))
+    known = bool(np.isfinite(position_error_m[inside]).any())
+    hazard_ns = int(time_ns[over[0]]) if over.size else None
+    return Harm(
+        alerted_share=share(alert, inside),
+        error_at_detection_m=at_m,
+        largest_error_before_alert_m=at_m if before_m is None else before_m,
+        largest_error_while_silent_m=largest_error(position_error_m, inside & ~alert),
+        hazard_ns=hazard_ns,
+        hazardous=over.size > 0 if known else None,
+        warned=None
+        if hazard_ns is None
+        else at_ns is not None and at_ns <= hazard_ns + round(time_to_alert_s * 1e9),
+    )
 
 
 def error_at(time_ns: Times, position_error_m: Floats, at_ns: int) -> float | None:

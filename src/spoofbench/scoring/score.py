@@ -6,6 +6,7 @@ its attacks are missed and its clean hours are none. Tasks that were skipped or 
 nulls, and so have failed ones whose variant could not be made: there is no truth to score against.
 """
 
+import math
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -26,13 +27,12 @@ from spoofbench.results import (
     read_truth,
     write_parquet,
 )
-from spoofbench.scoring.grid import release_guard, score_on_grid, within
+from spoofbench.scoring.grid import default_hold_s, release_guard, score_on_grid, within
 from spoofbench.scoring.metrics import (
-    Event,
     detection_pct,
-    error_at,
     false_alerts,
     find_events,
+    harm,
     largest_error,
     raised_since,
     share,
@@ -93,6 +93,7 @@ EVENT_SCHEMA = pa.schema(
 )
 
 _NEVER_AVAILABLE = Decisions([], [], [])
+_NO_TIMES = _NEVER_AVAILABLE.time_ns
 _Cells = dict[str, Any]
 """What a row has, by column; the rest is null."""
 
@@ -114,6 +115,7 @@ def score_folder(folder: Path) -> None:
     ]
     events: list[list[_Cells]] = [[] for _ in tasks]
     clean_scores: dict[tuple[str, str], Floats] = {}
+    default_holds_s: dict[tuple[str, str], float] = {}
 
     def by_variant(index: int) -> tuple[bool, str]:
         return tasks[index].attack is not None, tasks[index].variant_id
@@ -124,18 +126,21 @@ def score_folder(folder: Path) -> None:
         for index in group:
             task = tasks[index]
             decisions = _decisions(folder, task)
-            score = score_on_grid(decisions, truth, task.hold_s)
+            key = (task.recording, task.detector)
             if task.attack is None:
-                clean = _clean(truth, task.memory_s)
-                clean_scores[task.recording, task.detector] = score[clean]
-            found = _events(truth, decisions, score > 1)
+                default_holds_s[key] = default_hold_s(truth.epoch_ns, decisions.time_ns)
+            hold_s = task.hold_s
+            if hold_s is None:
+                hold_s = default_holds_s.get(key, default_hold_s(truth.epoch_ns, _NO_TIMES))
+            score = score_on_grid(decisions, truth, hold_s)
+            if task.attack is None:
+                clean_scores[key] = score[_clean(truth, task.memory_s)]
+            found = _events(truth, decisions, score > 1, hold_s)
             events[index] = [_identity(task) | event for event in found]
             rows[index] |= _scores(
                 truth, decisions, score, found, task.memory_s, unattacked=task.attack is None
             )
-            rows[index]["partial_auc"] = _partial_auc(
-                clean_scores.get((task.recording, task.detector)), score[truth.spoofed]
-            )
+            rows[index]["partial_auc"] = _partial_auc(clean_scores.get(key), score[truth.spoofed])
     write_parquet(folder / "scores.parquet", pa.Table.from_pylist(rows, SCORE_SCHEMA))
     write_parquet(
         folder / "events.parquet",
@@ -154,10 +159,13 @@ def score_decisions(
         decisions: of one detector on one recording.
         truth: of that recording.
         memory_s: how long an alert of the detector may outlast its cause.
-        hold_s: how long a decision stands; None is one epoch.
+        hold_s: how long a decision stands; None is the default of these decisions, see
+            :func:`spoofbench.scoring.grid.default_hold_s`.
     """
+    if hold_s is None:
+        hold_s = default_hold_s(truth.epoch_ns, decisions.time_ns)
     score = score_on_grid(decisions, truth, hold_s)
-    events = _events(truth, decisions, score > 1)
+    events = _events(truth, decisions, score > 1, hold_s)
     return _scores(truth, decisions, score, events, memory_s, unattacked=not truth.intervals)
 
 
@@ -246,28 +254,39 @@ def _detection(truth: Truth, score: Floats, events: list[_Cells]) -> _Cells:
     }
 
 
-def _events(truth: Truth, decisions: Decisions, alert: Bools) -> list[_Cells]:
+def _events(truth: Truth, decisions: Decisions, alert: Bools, hold_s: float) -> list[_Cells]:
     """Return what came of each attack interval."""
-    found = find_events(decisions.time_ns, decisions.alert, decisions.available, truth.intervals)
-    return [_event(truth, event, alert) for event in found]
-
-
-def _event(truth: Truth, event: Event, alert: Bools) -> _Cells:
-    error_m, at_ns = truth.position_error_m, event.detection_ns
-    return {
-        "start_ns": event.interval.start_ns,
-        "end_ns": event.interval.end_ns,
-        "length_s": event.interval.duration_s,
-        "alert_before": event.alert_before,
-        "detected": event.detected,
-        "ttfd_s": event.ttfd_s,
-        "position_error_at_detection_m": None
-        if at_ns is None
-        else error_at(truth.time_ns, error_m, at_ns),
-        "largest_undetected_position_error_m": largest_error(
-            error_m, event.interval.covers(truth.time_ns) & ~alert
-        ),
-    }
+    found = find_events(
+        decisions.time_ns,
+        decisions.alert,
+        truth.intervals,
+        hold_s=hold_s,
+        end_ns=int(truth.time_ns[-1]) + truth.epoch_ns,
+        unreviewed_ns=truth.time_ns[~truth.reviewed],
+    )
+    cells = []
+    for event in found:
+        done = harm(
+            event,
+            truth.time_ns,
+            truth.position_error_m,
+            alert,
+            alert_limit_m=math.inf,
+            time_to_alert_s=0.0,
+        )
+        cells.append(
+            {
+                "start_ns": event.interval.start_ns,
+                "end_ns": event.interval.end_ns,
+                "length_s": event.interval.duration_s,
+                "alert_before": event.alert_before,
+                "detected": event.detected,
+                "ttfd_s": event.ttfd_s,
+                "position_error_at_detection_m": done.error_at_detection_m,
+                "largest_undetected_position_error_m": done.largest_error_while_silent_m,
+            }
+        )
+    return cells
 
 
 def _partial_auc(clean_score: Floats | None, spoofed_score: Floats) -> float | None:
