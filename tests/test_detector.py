@@ -1,15 +1,26 @@
 """Decisions, the blind run and the stepwise helper."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spoofbench.detector import Decisions, Detector, Event, Trainable, detect, is_baseline, stepwise
+from spoofbench.detector import (
+    Decisions,
+    Detector,
+    Event,
+    Labelled,
+    Trainable,
+    detect,
+    is_baseline,
+    learns_from_attacks,
+    stepwise,
+    warm_up_s,
+)
 from spoofbench.errors import PluginError, RecordingError
 from spoofbench.recording import Recording
 from spoofbench.table import Table
@@ -121,6 +132,34 @@ def test_the_protocols_tell_detectors_from_trainable_ones() -> None:
     assert isinstance(watcher, Detector)
     assert not isinstance(watcher, Trainable)
     assert not isinstance(object(), Detector)
+
+
+def test_what_is_not_declared_is_no_warm_up_and_no_wish_for_attacks() -> None:
+    @dataclass(frozen=True)
+    class Warm(Watcher):
+        warm_up_s: Any = 12
+
+        def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:
+            return self
+
+    @dataclass(frozen=True)
+    class Learns(Warm):
+        learns_from_attacks: bool = True
+
+    assert [warm_up_s(one) for one in (Watcher(NOTHING), Warm(NOTHING))] == [0.0, 12.0]
+    assert isinstance(Warm(NOTHING), Trainable)
+    learners = [Watcher(NOTHING), Warm(NOTHING), Learns(NOTHING), Learns(NOTHING, 0, False)]
+    assert [learns_from_attacks(one) for one in learners] == [False, False, True, False]
+
+
+@pytest.mark.parametrize("declared", [-1.0, np.inf, np.nan, "long", None])
+def test_a_warm_up_is_a_number_of_seconds(declared: Any) -> None:
+    @dataclass(frozen=True)
+    class Warm(Watcher):
+        warm_up_s: Any = 12
+
+    with pytest.raises(PluginError, match="warm_up_s must be a finite number"):
+        warm_up_s(Warm(NOTHING, declared))
 
 
 def test_a_baseline_says_so_itself() -> None:

@@ -3,8 +3,9 @@
 A detector is a frozen dataclass whose fields are its parameters, behind an entry point of the group
 ``spoofbench.detectors``. It gets the kinds that it declares of a blind recording (see
 :meth:`spoofbench.recording.Recording.blind`) and returns one :class:`Decisions`. What it may do
-besides is a protocol of its own: :class:`Trainable`, :class:`Baseline`. Tools for the way there are
-in :mod:`spoofbench.navigation`; who thinks in steps takes :func:`stepwise`.
+besides is a protocol of its own: :class:`Trainable`, :class:`LearnsFromAttacks`, :class:`WarmsUp`,
+:class:`Baseline`. Tools for the way there are in :mod:`spoofbench.navigation`; who thinks in steps
+takes :func:`stepwise`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -110,6 +111,34 @@ def is_baseline(detector: Detector) -> bool:
     return isinstance(detector, Baseline) and bool(detector.baseline)
 
 
+@runtime_checkable
+class WarmsUp(Detector, Protocol):
+    """A detector that needs some input before its first decision.
+
+    Attributes:
+        warm_up_s: seconds of input, of a vehicle that drives, after which it decides.
+    """
+
+    @property
+    def warm_up_s(self) -> float: ...
+
+
+def warm_up_s(detector: Detector) -> float:
+    """Return the seconds of input before a detector's first decision: 0 where it does not say.
+
+    Raises:
+        PluginError: it declares something else than a finite number of at least 0.
+    """
+    if not isinstance(detector, WarmsUp):
+        return 0.0
+    declared: object = detector.warm_up_s
+    if not (isinstance(declared, int | float) and 0 <= declared < np.inf):
+        raise PluginError(
+            f"warm_up_s must be a finite number of at least 0, in seconds, not {declared!r}"
+        )
+    return float(declared)
+
+
 @dataclass(frozen=True, slots=True)
 class Labelled:
     """An attacked recording of the calibration split.
@@ -125,11 +154,42 @@ class Labelled:
 
 @runtime_checkable
 class Trainable(Detector, Protocol):
-    """A detector that learns from the calibration split."""
+    """A detector that learns from the calibration split: lag, mounting, noise, or a model.
+
+    Chance comes from a field ``seed``. What was learned is a field, too, and pickles.
+    """
 
     def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:
-        """Return a detector that has learned; this one stays as it is."""
+        """Return the same frozen dataclass with fields replaced; this one stays as it is.
+
+        Fitting twice gives detectors of one pickle.
+
+        Args:
+            clean: blind recordings with the kinds that the detector declares, cut to the part that
+                calibrates.
+            attacked: the same with an attack; empty, unless :class:`LearnsFromAttacks`.
+
+        Raises:
+            NotApplicable: it cannot be fitted on these recordings; the text says why.
+        """
         ...
+
+
+@runtime_checkable
+class LearnsFromAttacks(Trainable, Protocol):
+    """A trainable detector that is shown attacked recordings, too; leaderboards mark it.
+
+    Attributes:
+        learns_from_attacks: whether it is.
+    """
+
+    @property
+    def learns_from_attacks(self) -> bool: ...
+
+
+def learns_from_attacks(detector: Detector) -> bool:
+    """Return whether a detector asks for attacked recordings to learn from."""
+    return isinstance(detector, LearnsFromAttacks) and bool(detector.learns_from_attacks)
 
 
 def detect(

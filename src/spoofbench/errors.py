@@ -30,7 +30,9 @@ class PluginError(SpoofbenchError):
 
 
 class NotApplicable(SpoofbenchError):
-    """An attack cannot be made on this recording; the task is skipped with this reason."""
+    """An attack cannot be made on this recording, or a detector cannot be fitted on these; the task
+    is skipped with this reason.
+    """
 
 
 class ConfigError(SpoofbenchError):

@@ -38,6 +38,15 @@ class Honest:
 
 
 @dataclass(frozen=True)
+class DecidesLate(Honest):
+    """Needs two minutes, and does not declare them."""
+
+    def detect(self, recording: Recording) -> Decisions:
+        time_ns, speed = speeds(recording)
+        return Decisions(time_ns, speed, time_ns >= time_ns[:1] + 120 * 10**9)
+
+
+@dataclass(frozen=True)
 class LooksOneEpochAhead(Honest):
     def detect(self, recording: Recording) -> Decisions:
         time_ns, speed = speeds(recording)

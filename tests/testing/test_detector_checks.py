@@ -33,6 +33,7 @@ def _module() -> ModuleType:
 bad: Any = _module()
 
 BROKEN = {
+    bad.DecidesLate: "warms_up_in_time",
     bad.LooksOneEpochAhead: "keeps_causality",
     bad.LooksOneSampleAhead: "keeps_causality",
     bad.DividesByTheWholeFilesMaximum: "keeps_causality",

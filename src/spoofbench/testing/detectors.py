@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spoofbench.detector import Detector
+from spoofbench.detector import Detector, warm_up_s
 from spoofbench.recording import Recording
 from spoofbench.schema import SENSOR_KINDS, split_topic
 from spoofbench.testing.detector_cases import (
@@ -41,6 +41,9 @@ from spoofbench.testing.kit import (
 
 if TYPE_CHECKING:
     import pytest
+
+
+_STANDS_S = 60.0
 
 
 def check_detector(detector: str | Detector, /, **parameters: Any) -> "pytest.MarkDecorator":
@@ -94,8 +97,8 @@ def is_a_frozen_dataclass(subject: DetectorUnderTest) -> None:
 
 
 def declares_its_needs(subject: DetectorUnderTest) -> None:
-    """``requires`` and ``uses`` are kinds of the schema, ``memory_s`` is a finite number of
-    seconds.
+    """``requires`` and ``uses`` are kinds of the schema, ``memory_s`` and ``warm_up_s`` are finite
+    numbers of seconds.
     """
     detector = subject.detector
     for name, kinds in (("requires", detector.requires), ("uses", detector.uses)):
@@ -111,6 +114,7 @@ def declares_its_needs(subject: DetectorUnderTest) -> None:
         number and math.isfinite(memory) and memory >= 0,
         f"memory_s must be a finite number of at least 0, not {memory!r}",
     )
+    _ = warm_up_s(detector)
 
 
 def decides(subject: DetectorUnderTest) -> None:
@@ -125,6 +129,23 @@ def decides(subject: DetectorUnderTest) -> None:
             "no decision is available on any drive of up to 240 s, so no other check means "
             "anything: try shorter time spans"
         ),
+    )
+
+
+def warms_up_in_time(subject: DetectorUnderTest) -> None:
+    """On a drive it decides within a minute after ``warm_up_s``: the drive stands still at first,
+    and some epochs are missing.
+    """
+    example, declared_s = examples()[0], warm_up_s(subject.detector)
+    decisions = subject.decided[example.name]
+    if not decisions.available.any():
+        return  # what it requires is not in this drive; ``decides`` has seen it decide on another
+    start_ns = example.recording.span.start_ns
+    needed_s = (int(decisions.time_ns[decisions.available][0]) - start_ns) / 1e9
+    require(
+        needed_s <= declared_s + _STANDS_S,
+        f"on {example} the first decision is available after {needed_s:.0f} s, but warm_up_s is "
+        f"{declared_s:g}",
     )
 
 
@@ -285,6 +306,7 @@ LAWS: tuple[Callable[[DetectorUnderTest], None], ...] = (
     is_a_frozen_dataclass,
     declares_its_needs,
     decides,
+    warms_up_in_time,
     keeps_causality,
     leaves_the_recording,
     keeps_no_state,

@@ -161,6 +161,14 @@ class AccelerationMonitor:
         decay_s = np.log(100) * self.averaging_s / (2 if self.averaging == "span" else 1)
         return float(self.lag_s + decay_s + self.samples * self.stride + self.window_s)
 
+    @property
+    def warm_up_s(self) -> float:
+        """Lag and samples at 1 Hz, the first of them after as many steps as its acceleration takes;
+        along the track, from the first motion on.
+        """
+        steps = 1 if self.acceleration_from == "velocity" else 2
+        return float(self.lag_s + steps + (self.samples - 1) * self.stride)
+
     def detect(self, recording: Recording) -> Decisions:
         """Return a decision per epoch of the primary receiver, available where both tests are.
 

@@ -117,6 +117,14 @@ class Correlation:
         """The window, and the pairs that reach into it."""
         return self.window_s + self.median_filter * LONGEST_PAIR_S
 
+    @property
+    def warm_up_s(self) -> float:
+        """Lag, the share of the window that must be covered, and a pair, or as many as the median
+        takes; ``descent`` without ``g`` decides from the first rest on.
+        """
+        covered_s = self.min_share * self.window_s
+        return self.lag_s + covered_s + self.median_filter * LONGEST_PAIR_S
+
     def detect(self, recording: Recording) -> Decisions:
         """Decide at each epoch of the primary receiver; the first has no pair and is
         unavailable.

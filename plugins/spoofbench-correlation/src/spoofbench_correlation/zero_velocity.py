@@ -87,6 +87,13 @@ class ZeroVelocity:
         """The window, and the pair that reaches into it."""
         return self.window_s + LONGEST_PAIR_S
 
+    @property
+    def warm_up_s(self) -> float:
+        """Lag, the span over which the IMU is judged, the share of the window that must be known,
+        and a pair.
+        """
+        return self.lag_s + self.span_s + self.min_share * self.window_s + LONGEST_PAIR_S
+
     def detect(self, recording: Recording) -> Decisions:
         """Decide at each epoch of the primary receiver; the first has no pair and is
         unavailable.

@@ -18,6 +18,7 @@ from spoofbench.recording import Recording
 from spoofbench_innovation.error_model import GRADES, Grade, GradeName
 from spoofbench_innovation.filtering import FilterSettings, Innovations, innovations
 from spoofbench_innovation.measurements import Measurements, measurements
+from spoofbench_innovation.trajectory import WINDOW_S
 
 InnovationStatistic = Literal["cumulative", "windowed", "per-epoch"]
 
@@ -125,6 +126,11 @@ class InnovationMonitor:
             if self.statistic == "cumulative"
             else _RECOVERY_S + (self.window_s if self.statistic == "windowed" else 0.0)
         )
+
+    @property
+    def warm_up_s(self) -> float:
+        """Lag, and the window of the alignment; without enough acceleration in it, longer."""
+        return self.lag_s + WINDOW_S
 
     @property
     def imu_errors(self) -> Grade:
