@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spoofbench_baselines import Always, Never, Periodic, Random, ReceiverFlag
+from spoofbench_baselines import Always, Bursts, Never, Periodic, Random, ReceiverFlag
 
 from spoofbench.detector import Detector, detect, is_baseline
 from spoofbench.recording import Recording
@@ -48,12 +48,19 @@ def test_random_keeps_the_contract(check: Callable[[], None]) -> None:
     check()
 
 
+@check_detector("bursts", rate_per_hour=30)
+def test_bursts_keeps_the_contract(check: Callable[[], None]) -> None:
+    check()
+
+
 @check_detector("receiver-flag")
 def test_receiver_flag_keeps_the_contract(check: Callable[[], None]) -> None:
     check()
 
 
-@pytest.mark.parametrize("detector", [Never(), Always(), Periodic(), Random(), ReceiverFlag()])
+@pytest.mark.parametrize(
+    "detector", [Never(), Always(), Periodic(), Random(), Bursts(), ReceiverFlag()]
+)
 def test_they_say_that_they_are_baselines(detector: Detector) -> None:
     assert is_baseline(detector)
 
@@ -107,16 +114,43 @@ def test_a_random_alarm_lasts_its_length() -> None:
     assert np.median(lengths) == 20
 
 
-@given(st.floats(0.5, 20), st.floats(0.01, 100), st.integers(-(2**70), 2**70))
-def test_scaling_the_random_score_is_scaling_the_rate(
-    rate: float, factor: float, seed: int
+def test_a_burst_is_many_alerts_and_one_episode() -> None:
+    """Its alarms are less than 10 s apart, and all of them within 60 s."""
+    alert = detect(Bursts(1.0), epochs(3600 * 24)).alert
+    edges = np.flatnonzero(alert & ~np.append(False, alert[:-1]))
+    first = np.append(True, np.diff(edges) >= 10)
+    bursts = np.split(edges, np.flatnonzero(first)[1:])
+    whole = [burst for burst in bursts if burst.size == 10]
+    assert len(whole) >= 0.8 * len(bursts)
+    assert all(np.diff(burst).max() == 6 and burst[-1] - burst[0] == 54 for burst in whole)
+    assert len(bursts) == pytest.approx(24, abs=5 * math.sqrt(24))
+    assert alert.sum() == edges.size
+
+
+def test_bursts_come_at_their_rate() -> None:
+    rate, days = 2.0, 60
+    counts = [
+        starts(detect(Bursts(rate, seed=seed), epochs(3600 * 24)).alert) / 10
+        for seed in range(days)
+    ]
+    assert np.mean(counts) == pytest.approx(24 * rate, abs=5 * math.sqrt(24 * rate / days))
+
+
+@given(
+    st.sampled_from([Random, Bursts]),
+    st.floats(0.5, 20),
+    st.floats(0.01, 100),
+    st.integers(-(2**70), 2**70),
+)
+def test_scaling_a_random_score_is_scaling_the_rate(
+    kind: type[Random] | type[Bursts], rate: float, factor: float, seed: int
 ) -> None:
-    if not 0 < rate * factor * 30 < 3600:
+    if not 0 < rate * factor * 60 < 3600:
         return
     recording = epochs(500)
     scaled, other = (
-        detect(Random(rate, seed=seed), recording).score * factor,
-        detect(Random(rate * factor, seed=seed), recording).score,
+        detect(kind(rate, seed=seed), recording).score * factor,
+        detect(kind(rate * factor, seed=seed), recording).score,
     )
     np.testing.assert_allclose(scaled, other, rtol=1e-12)
 
@@ -190,3 +224,20 @@ def test_a_receiver_that_says_nothing_of_spoofing_is_unavailable() -> None:
 def test_refuses_alarms_that_make_no_sense(detector: Any, parameters: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="must be"):
         detector(**parameters)
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"rate_per_hour": 0.0},
+        {"rate_per_hour": 60.0},
+        {"alert_s": 0.5},
+        {"alert_s": 6.0},
+        {"every_s": 61.0},
+        {"burst_s": math.nan},
+    ],
+    ids=str,
+)
+def test_refuses_bursts_that_make_no_sense(parameters: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="must be"):
+        Bursts(**parameters)

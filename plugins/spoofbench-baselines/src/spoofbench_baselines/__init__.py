@@ -1,5 +1,15 @@
-"""Detectors that a detector must beat: those that know nothing, and the receiver's own word."""
+"""Detectors that a detector must beat: those that know nothing, the receiver's own word, and the
+simplest check.
+"""
 
-from spoofbench_baselines.detectors import Always, Never, Periodic, Random, ReceiverFlag
+from spoofbench_baselines.detectors import (
+    Always,
+    Bursts,
+    Never,
+    Periodic,
+    Random,
+    ReceiverFlag,
+)
+from spoofbench_baselines.jump import Jump
 
-__all__ = ["Always", "Never", "Periodic", "Random", "ReceiverFlag"]
+__all__ = ["Always", "Bursts", "Jump", "Never", "Periodic", "Random", "ReceiverFlag"]

@@ -117,11 +117,58 @@ class Random(_Alarms):
 
     def detect(self, recording: Recording) -> Decisions:
         """Score by the start within the last ``alert_s`` that the lowest rate would have had."""
-        time_ns = _epochs(recording)
-        slots = (time_ns // SECOND_NS)[:, None] - np.arange(round(self.alert_s))
-        expected = self.rate_per_hour * SECOND_NS / 3.6e12
-        score = expected / _waiting(slots, self.seed).min(axis=1, initial=np.inf)
-        return Decisions(time_ns, score, np.ones(time_ns.size, bool))
+        return _poisson(recording, np.arange(round(self.alert_s)), self.rate_per_hour, self.seed)
+
+
+@dataclass(frozen=True)
+class Bursts:
+    """Bursts of short alarms, whose starts are a Poisson process.
+
+    Alarms less than 10 s apart are one episode, so a burst of up to 60 s counts as one false alert;
+    but each alarm is a fresh chance to begin within an attack. A detector that does not beat this
+    row owes its detections to the way in which false alerts are counted. Chance is drawn as for
+    :class:`Random`, and scaling the score by k is here, too, the same as a rate k times as high.
+
+    Attributes:
+        rate_per_hour: mean number of bursts per hour.
+        burst_s: from the start of a burst to its end.
+        every_s: from the start of an alarm to that of the next in a burst.
+        alert_s: how long an alarm lasts.
+        seed: another seed gives other bursts.
+    """
+
+    requires: ClassVar[tuple[str, ...]] = ("gnss/pvt",)
+    uses: ClassVar[tuple[str, ...]] = ()
+    baseline: ClassVar[bool] = True
+
+    rate_per_hour: float = 1.0
+    burst_s: float = 60.0
+    every_s: float = 6.0
+    alert_s: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.alert_s < self.every_s <= self.burst_s:
+            raise ValueError(
+                "alert_s must be at least 1, and below every_s, which must be at most burst_s, not "
+                f"{self.alert_s!r}, {self.every_s!r}, {self.burst_s!r}"
+            )
+        if not 0 < self.rate_per_hour * self.burst_s < 3600:
+            raise ValueError(
+                "rate_per_hour must be positive and below 3600 / burst_s, not "
+                f"{self.rate_per_hour!r}"
+            )
+
+    @property
+    def memory_s(self) -> float:
+        """The length of a burst."""
+        return self.burst_s
+
+    def detect(self, recording: Recording) -> Decisions:
+        """Score by the burst that the lowest rate would have had, and that has an alarm now."""
+        offsets = np.arange(round(self.burst_s))
+        alarms = offsets[offsets % round(self.every_s) < round(self.alert_s)]
+        return _poisson(recording, alarms, self.rate_per_hour, self.seed)
 
 
 @dataclass(frozen=True)
@@ -152,6 +199,17 @@ class ReceiverFlag:
 def _epochs(recording: Recording) -> Times:
     """Return the distinct times of the primary receiver's epochs, ``(n,)``."""
     return np.unique(recording.primary("gnss/pvt").time_ns)
+
+
+def _poisson(recording: Recording, alarm_s: Ints, rate_per_hour: float, seed: int) -> Decisions:
+    """Return the decisions of a Poisson process of starts, each with an alarm in those whole
+    seconds after it: the rate over the lowest one at which there would be an alarm.
+    """
+    time_ns = _epochs(recording)
+    slots = (time_ns // SECOND_NS)[:, None] - alarm_s
+    expected = rate_per_hour * SECOND_NS / 3.6e12
+    score = expected / _waiting(slots, seed).min(axis=1, initial=np.inf)
+    return Decisions(time_ns, score, np.ones(time_ns.size, bool))
 
 
 def _waiting(slots: Ints, seed: int) -> Floats:
