@@ -1,5 +1,8 @@
 """Statistics: against scipy's independent implementations, hand calculation and their own laws."""
 
+from random import Random
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -31,6 +34,150 @@ def test_clopper_pearson_agrees_with_binomtest(count: int, trials: int) -> None:
     assert (found.lo, found.hi) == pytest.approx((expected.low, expected.high), abs=1e-9)
 
 
+SESSION_COUNTS = st.lists(
+    st.tuples(st.integers(0, 60), st.sampled_from([0.25, 0.5, 1.0, 3.0])), min_size=5, max_size=16
+)
+SHARES = st.lists(st.integers(0, 20).map(lambda n: n / 20), min_size=5, max_size=16)
+
+
+@given(SESSION_COUNTS)
+def test_ends_of_a_rate_are_where_the_tails_of_the_negative_binomial_hold_a_fortieth(
+    sessions: list[tuple[int, float]],
+) -> None:
+    episodes, hours = np.array(sessions).T
+    found = statistics.rate_interval(episodes, hours)
+    assert found is not None
+    total = episodes.sum()
+    assert found.value == pytest.approx(total / hours.sum())
+    assert 0 <= found.lo <= found.value < found.hi < np.inf
+    n = len(sessions)
+    spread = ((episodes - found.value * hours) ** 2).sum() * n / (n - 1) / total if total else 1.0
+    phi = max(spread, ((n - 1) * spread + 8 * 30) / (n + 7))
+
+    def counts(rate: float) -> Any:
+        return stats.nbinom(rate * hours.sum() / (phi - 1), 1 / phi)
+
+    assert counts(found.hi).cdf(total) == pytest.approx(0.025, rel=1e-6)
+    if total:
+        assert counts(found.lo).sf(total - 1) == pytest.approx(0.025, rel=1e-6)
+
+
+def test_the_sessions_that_a_rate_needs() -> None:
+    assert statistics.rate_interval([3], [2]) == statistics.poisson_rate(3, 2)
+    assert statistics.rate_interval([3, 0], [2, 0]) == statistics.poisson_rate(3, 2)
+    for n in (2, 3, 4):
+        assert statistics.rate_interval([3] * n, [2] * n) is None
+    assert statistics.rate_interval([], []) is None
+    assert statistics.rate_interval([0] * 5, [0] * 5) is None
+
+
+def test_no_episode_leaves_a_rate_possible() -> None:
+    none = statistics.rate_interval([0] * 7, [1.5] * 7)
+    single = statistics.poisson_rate(0, 7 * 1.5)
+    assert none is not None
+    assert single is not None
+    assert (none.value, none.lo) == (0, 0)
+    assert single.hi < none.hi < np.inf
+
+
+def test_too_few_episodes_are_said() -> None:
+    assert statistics.too_few_episodes([4, 5, 5, 5, 5], [1] * 5)
+    assert not statistics.too_few_episodes([5] * 5, [1] * 5)
+    assert not statistics.too_few_episodes([5] * 5 + [0], [1] * 5 + [0]), "no hours, no session"
+    assert not statistics.too_few_episodes([1], [1]), "one session needs no dispersion"
+
+
+@given(SESSION_COUNTS)
+def test_a_rate_and_its_interval_scale_with_the_unit_of_time(
+    sessions: list[tuple[int, float]],
+) -> None:
+    episodes, hours = np.array(sessions).T
+    found, in_days = (statistics.rate_interval(episodes, h) for h in (hours, hours / 24))
+    assert found is not None
+    assert in_days is not None
+    assert (in_days.lo, in_days.hi) == pytest.approx((24 * found.lo, 24 * found.hi))
+
+
+@given(SHARES)
+def test_a_share_lies_within_an_interval_that_has_a_width(shares: list[float]) -> None:
+    found = statistics.share_interval(shares)
+    assert found is not None
+    assert found.value == pytest.approx(np.mean(shares))
+    assert 0 <= found.lo <= found.value + 1e-9
+    assert found.value - 1e-9 <= found.hi <= 1
+    assert found.hi - found.lo > 0.01
+
+
+@given(SHARES)
+def test_shares_turned_round_turn_the_interval_round(shares: list[float]) -> None:
+    found, missed = (statistics.share_interval(s) for s in (shares, 1 - np.array(shares)))
+    assert found is not None
+    assert missed is not None
+    assert (missed.lo, missed.hi) == pytest.approx((1 - found.hi, 1 - found.lo), abs=1e-9)
+
+
+@given(SHARES, st.sampled_from([100.0, 300.0]))
+def test_a_share_scales_with_what_is_largest(shares: list[float], largest: float) -> None:
+    found = statistics.share_interval(shares)
+    scaled = statistics.share_interval(largest * np.array(shares), largest)
+    assert found is not None
+    assert scaled is not None
+    assert scaled.value == pytest.approx(largest * found.value)
+    assert (scaled.lo, scaled.hi) == pytest.approx((largest * found.lo, largest * found.hi))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_sessions_that_are_alike_count_as_one_outcome_each(share: float) -> None:
+    found = statistics.share_interval([share] * 8)
+    expected = statistics.proportion(share * 8, 8)
+    assert found is not None
+    assert expected is not None
+    assert (found.lo, found.hi) == pytest.approx((expected.lo, expected.hi))
+    assert found.hi > found.lo
+
+
+def test_sessions_of_all_or_nothing_count_as_less_than_one_outcome_each() -> None:
+    found = statistics.share_interval([1, 1, 1, 1, 0, 0, 0, 0])
+    binomial = statistics.proportion(4, 8)
+    assert found is not None
+    assert binomial is not None
+    assert found.lo < binomial.lo < 0.5 < binomial.hi < found.hi
+
+
+def test_the_sessions_that_a_share_needs() -> None:
+    assert statistics.share_interval([0.5] * 4) is None
+    assert statistics.share_interval([0.5] * 4 + [np.nan] * 3) is None
+    assert statistics.share_interval([0.5] * 5 + [np.nan] * 3) is not None
+    for outside in (-0.1, 1.1):
+        with pytest.raises(ValueError, match="between 0 and"):
+            statistics.share_interval([0.5] * 5 + [outside])
+
+
+@given(SHARES, st.randoms())
+def test_the_order_of_the_sessions_changes_no_interval(shares: list[float], random: Random) -> None:
+    shuffled = random.sample(shares, len(shares))
+    hours = [1.0] * len(shares)
+    for one, other in (
+        (statistics.share_interval(shares), statistics.share_interval(shuffled)),
+        (
+            statistics.rate_interval(np.multiply(20, shares), hours),
+            statistics.rate_interval(np.multiply(20, shuffled), hours),
+        ),
+    ):
+        assert one is not None
+        assert other is not None
+        assert (one.value, one.lo, one.hi) == pytest.approx((other.value, other.lo, other.hi))
+
+
+def test_means_by_session() -> None:
+    values = [1.0, 3.0, np.nan, 5.0, np.nan, 7.0]
+    sessions = ["b", "b", "b", "a", "c", "e"]
+    means = statistics.session_means(values, sessions, ["a", "b", "c", "d"])
+    assert means == pytest.approx([5, 2, np.nan, np.nan], nan_ok=True)
+    by_code = statistics.session_means(values, [1.0, 1.0, 1.0, 0.0, 2.0, 9.0], np.arange(4))
+    assert by_code == pytest.approx(means, nan_ok=True)
+
+
 def test_nothing_to_estimate_is_none() -> None:
     empty = np.empty(0)
     assert statistics.poisson_rate(0, 0.0) is None
@@ -45,8 +192,8 @@ def test_kaplan_meier_by_hand() -> None:
     """Detections at 1, 2, 2 and 5 s; censored at 2 and 4 s: S = 5/6, 5/6 * 3/5 = 1/2, 0."""
     curve = statistics.survival_curve([1, 2, 2, 2, 4, 5], [True, True, True, False, False, True])
     assert curve is not None
-    assert curve.time_s.tolist() == [1, 2, 5]
-    assert curve.undetected == pytest.approx([5 / 6, 1 / 2, 0])
+    assert curve.time_s.tolist() == [1, 2, 4, 5]
+    assert curve.undetected == pytest.approx([5 / 6, 1 / 2, 1 / 2, 0])
     assert curve.quantile_s(0.5) == 2
     assert curve.quantile_s(0.9) == 5
     assert curve.restricted_mean_s(6) == pytest.approx(1 + 5 / 6 + 3 / 2)
@@ -61,18 +208,17 @@ def test_never_detected_has_no_quantile_and_the_whole_horizon() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 20), st.booleans()), min_size=1, max_size=30))
-def test_kaplan_meier_agrees_with_scipy(observations: list[tuple[int, bool]]) -> None:
-    times, flags = zip(*observations, strict=True)
-    curve = statistics.survival_curve(times, flags)
+def test_kaplan_meier_is_the_product_of_the_shares_that_stay(
+    observations: list[tuple[int, bool]],
+) -> None:
+    curve = statistics.survival_curve(*zip(*observations, strict=True))
     assert curve is not None
-    data = stats.CensoredData(
-        uncensored=[t for t, detected in observations if detected],
-        right=[t for t, detected in observations if not detected],
-    )
-    reference = stats.ecdf(data).sf
-    at = np.arange(0, 21)
-    ours = np.append(1.0, curve.undetected)[np.searchsorted(curve.time_s, at, "right")]
-    assert ours == pytest.approx(reference.evaluate(at), abs=1e-12)
+    undetected, expected = 1.0, []
+    for time in sorted({t for t, _ in observations}):
+        at_risk = sum(t >= time for t, _ in observations)
+        undetected *= 1 - sum(t == time and hit for t, hit in observations) / at_risk
+        expected.append(undetected)
+    assert curve.undetected == pytest.approx(expected, abs=1e-12)
 
 
 @given(st.lists(st.integers(0, 60), min_size=1, max_size=30))
