@@ -5,17 +5,17 @@ that is there is right.
 """
 
 import hashlib
-import importlib.util
-import json
-from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import spoofbench
+from spoofbench.fingerprint import canonical, digest_of, package_digest
 from spoofbench.plugins import Plugin
 from spoofbench.schema import SCHEMA_VERSION
+
+__all__ = ["DECISIVE", "canonical", "code_of", "core", "digest_of", "identify", "versions"]
 
 DECISIVE = (
     "arrays",
@@ -40,13 +40,6 @@ converters. So is what turns decisions and truth into scores, because every run 
 all of them again. A module that one of these imports must be listed, or decide nothing.
 """
 
-_CODE = frozenset({".py", ".so", ".pyd", ".dylib"})
-
-
-def canonical(value: Any) -> str:
-    """Return the one JSON text of a value."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"))
-
 
 def identify(**inputs: Any) -> str:
     """Return the id of what these inputs decide."""
@@ -59,51 +52,11 @@ def core() -> str:
     return digest_of(Path(spoofbench.__file__).parent, DECISIVE)
 
 
-def digest_of(folder: Path, modules: Iterable[str]) -> str:
-    """Return the digest of these modules and packages of a folder, named relative to it.
-
-    Raises:
-        FileNotFoundError: one of them is not there.
-    """
-    found: dict[str, Path] = {}
-    for module in modules:
-        path = folder / module.replace(".", "/")
-        paths = list(_files(path)) if path.is_dir() else [path.with_suffix(".py")]
-        found |= {path.relative_to(folder).as_posix(): path for path in paths}
-    return _digest(found.items())
-
-
 def code_of(plugin: Plugin) -> str:
-    """Digest of the code of a plugin: its top package (or module), and what code its distribution
-    lists besides.
-
-    Of an installation that is edited in place, the distribution lists nothing, and the package is
-    found where it is.
-    """
-    name = plugin.entry_point.module.partition(".")[0]
-    if name == spoofbench.__name__:
+    """Return the digest of the code of a plugin; of one of spoofbench's own, that of the core."""
+    if plugin.entry_point.module.partition(".")[0] == spoofbench.__name__:
         return core()
-    found: dict[str, Path] = {}
-    spec = importlib.util.find_spec(name)
-    if spec is not None:
-        for folder in spec.submodule_search_locations or ():
-            found |= {
-                f"{name}/{path.relative_to(folder).as_posix()}": path
-                for path in _files(Path(folder))
-            }
-        if not spec.submodule_search_locations and spec.origin:
-            found[Path(spec.origin).name] = Path(spec.origin)
-    listed = (plugin.entry_point.dist.files if plugin.entry_point.dist else None) or ()
-    for entry in listed:
-        path = Path(str(entry.locate()))
-        if (
-            entry.suffix in _CODE
-            and not entry.name.startswith("__editable__")
-            and ".." not in entry.parts
-            and path.is_file()
-        ):
-            found[entry.as_posix()] = path
-    return _digest(found.items())
+    return package_digest(plugin)
 
 
 @cache
@@ -115,16 +68,3 @@ def versions() -> dict[str, str]:
         "numpy": version("numpy"),
         "scipy": version("scipy"),
     }
-
-
-def _files(folder: Path) -> Iterator[Path]:
-    for path in folder.rglob("*"):
-        if "__pycache__" not in path.relative_to(folder).parts and path.is_file():
-            yield path
-
-
-def _digest(files: Iterable[tuple[str, Path]]) -> str:
-    digest = hashlib.sha256()
-    for name, path in sorted(files):
-        digest.update(canonical([name, hashlib.sha256(path.read_bytes()).hexdigest()]).encode())
-    return digest.hexdigest()
