@@ -63,6 +63,18 @@ def test_every_distribution_says_what_it_is(wheels: list[Path]) -> None:
         assert not [name for name in names if "test_" in name], wheel.name
 
 
+def test_suites_and_recipes_are_shipped(wheels: list[Path]) -> None:
+    core = next(wheel for wheel in wheels if wheel.name.startswith("spoofbench-"))
+    folder = ROOT / "benchmarks"
+    lying = {
+        f"spoofbench/{path.relative_to(ROOT)}"
+        for part in ("recordings.toml", "suites/*", "labels/*")
+        for path in folder.glob(part)
+    }
+    packed = {n for n in zipfile.ZipFile(core).namelist() if n.startswith("spoofbench/benchmarks")}
+    assert packed == lying
+
+
 def test_every_entry_point_is_found_and_loads_in_a_fresh_environment(
     wheels: list[Path], tmp_path: Path
 ) -> None:

@@ -47,6 +47,7 @@ from annotated_types import Ge, Gt, Le, MinLen, Predicate, doc
 
 from spoofbench import config
 from spoofbench.errors import SuiteError
+from spoofbench.shipped import shipped
 
 RATE_PARAMETER = "rate_per_hour"
 """A detector's parameter of this name defaults to the suite's target false-alert rate."""
@@ -186,7 +187,7 @@ def packaged_suite(name: str) -> str:
     Raises:
         SuiteError: there is none of that name.
     """
-    folder = Path(__file__).parent / "suites"
+    folder = shipped("suites")
     texts = {path.stem: path for path in folder.glob("*.toml")}
     if name not in texts:
         hint = config.did_you_mean(name, texts)
