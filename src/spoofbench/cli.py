@@ -149,6 +149,56 @@ def convert(
 
 
 @app.command()
+def fetch(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="NAME...", help="Recordings or suites; without, what there is."),
+    ] = None,
+    mirror: Annotated[
+        list[Path] | None,
+        typer.Option("--from", help="Folder to take files from instead of the network; repeat."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Download the recordings of the suites."""
+    from spoofbench import fetch as fetching
+
+    if names:
+        with progress_bars() as progress:
+            made = {
+                name: str(fetching.fetch(name, mirror or (), progress(f"fetch {name}")))
+                for name in fetching.names_of(names)
+            }
+        if as_json:
+            print_json(made)
+        else:
+            print_lines(made.values())
+        return
+    rows = [
+        {
+            "name": each.name,
+            "class": each.sensor_class,
+            "session": each.session,
+            "licence": each.licence,
+            "credit": each.credit,
+            "title": each.title,
+            "cached": fetching.is_cached(each.name),
+        }
+        for each in fetching.recipes().values()
+    ]
+    if as_json:
+        print_json(rows)
+    else:
+        print_lines(
+            [
+                f"{'*' if row['cached'] else ' '} {row['name']:<32} {row['class']:<16} "
+                f"{row['title']} ({row['credit']}, {row['licence']})"
+                for row in rows
+            ]
+        )
+
+
+@app.command()
 def info(file: Path, as_json: AsJson = False) -> None:
     """Say what a recording holds."""
     from spoofbench.info import as_dict, as_text, summarise
