@@ -80,7 +80,13 @@ def test_sessions_that_only_one_row_knows_do_not_count() -> None:
 def test_a_figure_without_bound_gets_no_interval() -> None:
     rows = np.arange(16.0).reshape(2, 8)
     assert compare_with_first(rows)[0].difference is None
-    assert compare_with_first(rows, largest=15)[0].difference is not None
+    seconds = compare_with_first(rows, largest=16)[0].difference
+    shares = compare_with_first(rows / 16, largest=1)[0].difference
+    assert seconds is not None
+    assert shares is not None
+    assert (seconds.value, seconds.lo, seconds.hi) == pytest.approx(
+        (16 * shares.value, 16 * shares.lo, 16 * shares.hi)
+    )
 
 
 @given(st.lists(st.tuples(SHARE, SHARE), min_size=5, max_size=10))

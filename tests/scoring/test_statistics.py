@@ -136,6 +136,15 @@ def test_sessions_that_are_alike_count_as_one_outcome_each(share: float) -> None
     assert found.hi > found.lo
 
 
+def test_a_share_by_hand() -> None:
+    """Mean 1/2 and variance 1/20: a correlation of 0.2 of 4 degrees of freedom, and 0.5 of 2."""
+    found = statistics.share_interval([0.2, 0.4, 0.5, 0.6, 0.8])
+    outcomes = 5 / 0.3 * (stats.norm.ppf(0.975) / stats.t.ppf(0.975, 4)) ** 2
+    assert found is not None
+    assert found.lo == pytest.approx(stats.beta.ppf(0.025, outcomes / 2, outcomes / 2 + 1))
+    assert found.hi == pytest.approx(stats.beta.ppf(0.975, outcomes / 2 + 1, outcomes / 2))
+
+
 def test_sessions_of_all_or_nothing_count_as_less_than_one_outcome_each() -> None:
     found = statistics.share_interval([1, 1, 1, 1, 0, 0, 0, 0])
     binomial = statistics.proportion(4, 8)

@@ -83,7 +83,7 @@ def sign_flip_p(differences: ArrayLike, seed: int = 0) -> float:
     negative (Fisher 1935).
 
     Exact up to 15 differences; above, from 32,767 draws of signs and the signs that were seen
-    (Phipson and Smyth 2010, eq. 2). 1 where there are none.
+    (Phipson and Smyth 2010). 1 where there are none.
 
     Args:
         differences: one per session, shape ``(n,)``.

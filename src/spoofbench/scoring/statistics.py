@@ -72,7 +72,7 @@ def rate_interval(episodes: ArrayLike, hours: ArrayLike) -> Estimate | None:
     total N over H hours is taken as negative binomial with mean R H and variance phi R H, so that
     ``P(X <= N) = I_{1/phi}(R H / (phi - 1), N + 1)``; the ends are the rates R at which either tail
     holds 2.5 %. phi is the dispersion about the pooled rate (that of the ratio estimator, Cochran
-    1977, eq. 2.39), shrunk towards :data:`TYPICAL_DISPERSION` and never below what was seen.
+    1977, section 2.11), shrunk towards :data:`TYPICAL_DISPERSION` and never below what was seen.
 
     It falls short, to 88 % of the 95, where lengths differ fortyfold and rates as an exponential
     does: what is typical then is no longer wide enough.
