@@ -407,18 +407,23 @@ def test_a_denser_stretch_without_detector_does_not_join_episodes() -> None:
 
 @given(
     st.lists(
-        st.tuples(st.integers(0, 50), st.booleans()), max_size=20, unique_by=lambda row: row[0]
-    )
+        st.tuples(st.integers(0, 50), st.floats(-3, 3) | st.sampled_from([np.nan, np.inf])),
+        max_size=20,
+        unique_by=lambda row: row[0],
+    ),
+    st.lists(st.floats(-3, 3) | st.just(np.nan), min_size=4, max_size=4),
+    st.sampled_from([0.0, 0.5, 1.0]),
 )
-def test_what_was_raised_since_the_epoch_before(decisions: list[tuple[int, bool]]) -> None:
+def test_an_epoch_has_a_false_alert_where_it_or_a_decision_since_the_one_before_has(
+    decisions: list[tuple[int, float]], held: list[float], factor: float
+) -> None:
     decisions.sort()
-    at, alert = (
-        np.array([t for t, _ in decisions], np.int64),
-        np.array([on for _, on in decisions], bool),
-    )
-    epochs = np.array([5, 15, 16, 40])
-    expected = [
-        any(on and before < t <= now for t, on in decisions)
-        for before, now in zip([5, 5, 15, 16], epochs, strict=True)
-    ]
-    assert metrics.raised_since(epochs, at, alert).tolist() == expected
+    at = np.array([time for time, _ in decisions], np.int64)
+    decided = np.array([score for _, score in decisions], np.float64)
+    epochs, score = np.array([5, 15, 16, 40]), np.array(held)
+    level = metrics.alarm_level(epochs, score, at, decided)
+    for row, (before, now) in enumerate(zip([5, 5, 15, 16], epochs, strict=True)):
+        mine = [score[row], *(s for t, s in decisions if before < t <= now)]
+        assert (level[row] > factor) == any(some > factor for some in mine)
+        assert np.isnan(level[row]) == np.isnan(mine).all()
+    assert score.tolist() == pytest.approx(held, nan_ok=True)

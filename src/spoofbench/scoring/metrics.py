@@ -144,38 +144,43 @@ def false_alerts(
 ) -> FalseAlerts:
     """Return the false alerts on the available clean epochs.
 
-    Each epoch stands for the time since the one before it, the first for ``epoch_ns``.
-
     Args:
         time_ns: epochs, increasing.
         alert: whether the detector alerts at each.
         counted: whether the detector is available and the epoch clean.
         epoch_ns: nominal interval of the grid.
-        raised: whether any decision since the epoch before was an alert: what may count as a
-            detection counts as a false alert. Default: ``alert``.
+        raised: whether there was an alert at each or since the one before, see
+            :func:`alarm_level`. Default: ``alert``.
     """
-    hours = int(_steps_ns(time_ns, epoch_ns)[counted].sum()) / 3.6e12
-    alarm = alert if raised is None else alert | raised
+    hours = int(steps_ns(time_ns, epoch_ns)[counted].sum()) / 3.6e12
+    alarm = alert if raised is None else raised
     return false_alert_rate(
         count_episodes(time_ns, alarm, counted, epoch_ns), hours, share(alert, counted)
     )
 
 
-def _steps_ns(time_ns: Times, epoch_ns: int) -> Times:
-    """Time since the epoch before, int64 ``(n,)``."""
+def steps_ns(time_ns: Times, epoch_ns: int) -> Times:
+    """Return the time that each epoch stands for: since the one before, int64 ``(n,)``."""
     return np.diff(time_ns, prepend=time_ns[:1] - epoch_ns)
 
 
-def raised_since(time_ns: Times, at_ns: Times, alert: Bools) -> Bools:
-    """Whether an alert was decided after the epoch before and up to each epoch, bool ``(n,)``.
+def alarm_level(time_ns: Times, score: Floats, at_ns: Times, decided: Floats) -> Floats:
+    """Return the level of each epoch, ``(n,)``: it has a false alert at a factor below it alone.
+
+    It is the largest of the score that holds at the epoch and of those decided since the epoch
+    before, so that whatever may count as a detection counts as a false alert. It is NaN, and the
+    epoch unavailable for false alerts, where the detector decided nothing of all that.
 
     Args:
         time_ns: epochs, ``(n,)``.
-        at_ns, alert: decisions, ``(m,)``.
+        score: that holds at each, NaN where unavailable, ``(n,)``.
+        at_ns, decided: times and scores of the decisions, NaN where unavailable, ``(m,)``.
     """
-    alerts = np.concatenate([[0], np.cumsum(alert)])[np.searchsorted(at_ns, time_ns, "right")]
-    raised: Bools = np.diff(alerts, prepend=alerts[:1]) > 0
-    return raised
+    epoch = np.searchsorted(time_ns, at_ns)
+    since = (epoch > 0) & (epoch < time_ns.size)
+    level = score.copy()
+    np.fmax.at(level, epoch[since], decided[since])
+    return level
 
 
 def false_alert_rate(episodes: int, hours: float, epoch: float | None) -> FalseAlerts:

@@ -29,12 +29,12 @@ from spoofbench.results import (
 )
 from spoofbench.scoring.grid import default_hold_s, release_guard, score_on_grid, within
 from spoofbench.scoring.metrics import (
+    alarm_level,
     detection_pct,
     false_alerts,
     find_events,
     harm,
     largest_error,
-    raised_since,
     share,
 )
 from spoofbench.scoring.statistics import partial_auc, roc_curve
@@ -223,9 +223,9 @@ def _alerts(score: Floats) -> _Cells:
 
 def _false_alerts(truth: Truth, decisions: Decisions, score: Floats, memory_s: float) -> _Cells:
     """False alerts over the available clean epochs."""
-    raised = raised_since(truth.time_ns, decisions.time_ns, decisions.alert)
-    counted = ~np.isnan(score) & _clean(truth, memory_s)
-    false = false_alerts(truth.time_ns, score > 1, counted, truth.epoch_ns, raised)
+    level = alarm_level(truth.time_ns, score, decisions.time_ns, decisions.score)
+    counted = ~np.isnan(level) & _clean(truth, memory_s)
+    false = false_alerts(truth.time_ns, score > 1, counted, truth.epoch_ns, level > 1)
     return {
         "far_per_hour": false.per_hour,
         "far_per_hour_lo": false.per_hour_lo,
