@@ -1,8 +1,9 @@
 """Scores: what a detector's decisions are worth against the truth.
 
 :mod:`.grid` puts decisions and truth on one grid of epochs, :mod:`.metrics` says what a detector
-did there, :mod:`.statistics` what that tells with which certainty, :mod:`.score` scores a results
-folder and :mod:`.leaderboard` ranks its detectors.
+did there, :mod:`.calibration` at which factor its thresholds keep a false-alert rate,
+:mod:`.statistics` what that tells with which certainty, :mod:`.score` scores a results folder and
+:mod:`.leaderboard` ranks its detectors.
 
 Two conventions of Lo et al. (2017), Table 2, to keep in mind beside these scores:
 
