@@ -1,5 +1,5 @@
-"""Converter of tables: delimited text, Parquet, MAT files and NumPy arrays, by a mapping of columns
-to topics.
+"""Converter of tables: delimited text, JSON, Parquet, MAT files and NumPy arrays, by a mapping of
+columns to topics.
 
 A mapping is a small TOML file (see :mod:`spoofbench_converters.table.mapping`); those that come
 with the converter are recognised by the exact columns of their tables. A folder or archive is one
@@ -18,6 +18,7 @@ from spoofbench.errors import ConversionError
 from spoofbench.schema import split_topic
 from spoofbench_converters.table.anchoring import start_of
 from spoofbench_converters.table.export import export
+from spoofbench_converters.table.flights import FlightChoice
 from spoofbench_converters.table.mapping import Mapping, load_mapping
 from spoofbench_converters.table.reading import rows
 from spoofbench_converters.table.rows import TableRows
@@ -43,6 +44,8 @@ class Options:
         source: the one source to convert, such as ``gnss1``, where the mapping has several of a
             kind.
         session: name of the session, shared by its recordings.
+        flight: the one flight to convert out of a table of many: words of the columns that tell
+            flights apart, such as ``4baac6`` or ``4baac6 THY9BP``.
     """
 
     mapping: str | None = None
@@ -50,6 +53,7 @@ class Options:
     append_clock: bool = False
     source: str | None = None
     session: str | None = None
+    flight: str | None = None
 
 
 def convert(source: Source, options: Options) -> Iterator[Item]:
@@ -77,15 +81,17 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
     base = 0
     for table in session.tables():
         made = TableRows(table, start_ns, options.append_clock)
+        choice = FlightChoice(table.flight, options.flight)
         for item in rows(table, session.files[table.name], base):
             base += int(item.lengths.sum())
             if isinstance(item, Rejects):
                 yield item
-            else:
-                base += item.besides
-                yield from made.push(item)
+                continue
+            base += item.besides
+            for part in choice.keep(item):
+                yield from [part] if isinstance(part, Rejects) else made.push(part)
         yield from made.finish()
-        yield from _learned(made)
+        yield from _learned(made, choice)
     if session.tags is not None:
         yield Used(session.tags.size() or 0)
     for file in session.unused:
@@ -96,8 +102,11 @@ def convert(source: Source, options: Options) -> Iterator[Item]:
         yield SourceMetadata({"recording": {"session_id": options.session}})
 
 
-def _learned(rows: TableRows) -> Iterator[SourceMetadata]:
+def _learned(rows: TableRows, choice: FlightChoice) -> Iterator[SourceMetadata]:
     """Yield what the rows of a table showed."""
+    told = {name: " ".join(words) for name, words in choice.told.items() if words}
+    if told:
+        yield SourceMetadata({"recording": told})
     for topic, count in rows.repeated.items():
         yield SourceMetadata({f"source/{split_topic(topic)[0]}": {"repeated_rows": str(count)}})
     if rows.appender and rows.appender.steps:

@@ -2,6 +2,7 @@
 
 import fnmatch
 import io
+import re
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -16,7 +17,10 @@ from spoofbench.errors import ConversionError, LimitError
 MAX_FILE_BYTES = 2 * 2**30
 PIECE_BYTES = 2**22
 
-FileFormat = Literal["csv", "parquet", "mat", "npy"]
+FileFormat = Literal["csv", "parquet", "mat", "npy", "json"]
+
+_RECORDS = re.compile(rb'\s*\[\s*\{\s*"')
+_COLUMNS = re.compile(rb'\s*\{\s*"[^"]*"\s*:\s*\{\s*"\d+"\s*:')
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +44,9 @@ class File:
             return "parquet"
         if self.head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")):
             return "mat"
-        return "npy" if self.head.startswith(b"\x93NUMPY") else "csv"
+        if self.head.startswith(b"\x93NUMPY"):
+            return "npy"
+        return "json" if is_json(self.head) else "csv"
 
     @property
     def is_hidden(self) -> bool:
@@ -89,6 +95,16 @@ class File:
             while piece := file.read(PIECE_BYTES):
                 octets += len(piece)
         return octets
+
+
+def is_json(head: bytes) -> bool:
+    """Whether the first bytes are those of a table in JSON: of records, or of columns."""
+    return _RECORDS.match(head) is not None or is_columns(head)
+
+
+def is_columns(head: bytes) -> bool:
+    """Whether the first bytes are those of a table in JSON, column by column."""
+    return _COLUMNS.match(head) is not None
 
 
 def read_up_to(file: IO[bytes], octets: int) -> bytes:

@@ -143,6 +143,7 @@ class TableSpec:
             is recognised.
         signature: what a comment before a table without header starts with, by which it is
             recognised; runs of blanks are one.
+        flight: columns that tell flights apart; a table may lack them.
     """
 
     name: str
@@ -151,6 +152,7 @@ class TableSpec:
     layout: Layout
     columns: tuple[str, ...]
     signature: str
+    flight: tuple[str, ...]
     time: TimeSpec | None
     topics: tuple[TopicSpec, ...]
 
@@ -160,7 +162,7 @@ class TableSpec:
         for topic in self.topics:
             for name, optional in topic.columns().items():
                 found[name] = optional and found.get(name, True)
-        return found
+        return dict.fromkeys(self.flight, True) | found
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,6 +284,7 @@ def _table(where: str, name: str, content: abc.Mapping[str, object]) -> TableSpe
         ),
         as_tuple(settings.columns),
         settings.signature,
+        as_tuple(settings.flight),
         _time(f"{where}, [{section}.time]", settings.time),
         tuple(_topic(where, section, *item) for item in topics.items()),
     )

@@ -11,6 +11,7 @@ from spoofbench.conversion.sources import HEAD_BYTES
 from spoofbench.errors import ConversionError
 from spoofbench_converters.table import arrays
 from spoofbench_converters.table.files import File, array_name
+from spoofbench_converters.table.json_rows import json_columns, json_rows
 from spoofbench_converters.table.mapping import TableSpec
 from spoofbench_converters.table.matfile import read_mat
 from spoofbench_converters.table.rows import used_columns
@@ -38,6 +39,9 @@ def columns_of(table: TableSpec, file: File) -> tuple[str, ...]:
             return arrays.parquet_columns(opened, file.name)
     if file.format == "mat":
         return arrays.column_names(*_mat(table, file))
+    if file.format == "json":
+        with file.open() as opened:
+            return json_columns(opened, file.head, file.name)
     return ()
 
 
@@ -74,6 +78,10 @@ def _file_rows(table: TableSpec, file: File, base: int) -> Iterator[CellBatch | 
         yield from arrays.rows_of(
             found, names, arrays.Shares(base, file.size() or 0, _length(found))
         )
+    elif file.format == "json":
+        wanted = used_columns(table, columns_of(table, file))
+        with file.open() as opened:
+            yield from json_rows(opened, file.head, file.name, wanted, base)
     else:
         head = read_head(file.head, table.layout, file.name)
         names = _names(table, head, file.name)

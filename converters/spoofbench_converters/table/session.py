@@ -6,7 +6,14 @@ from functools import cache
 
 from spoofbench.conversion import Source
 from spoofbench.errors import ConversionError
-from spoofbench_converters.table.files import File, array_name, files_in, files_of, fits
+from spoofbench_converters.table.files import (
+    File,
+    array_name,
+    files_in,
+    files_of,
+    fits,
+    is_json,
+)
 from spoofbench_converters.table.mapping import Mapping, TableSpec, load_mapping, ready_names
 from spoofbench_converters.table.reading import columns_of, minimum_width, required_columns
 from spoofbench_converters.table.text import read_head
@@ -97,6 +104,7 @@ def sniff(source: Source) -> float:
             and not source.is_archive
             and b"\n" not in source.head
             and not source.head.startswith((b"PAR1", b"MATLAB"))
+            and not is_json(source.head)
         ):
             return 0.0
         if len(source.members()) > MAX_SNIFFED:

@@ -11,7 +11,7 @@ from annotated_types import Ge, Gt, Lt, MinLen, doc
 from spoofbench.config import NOT_ONLY_FINITE
 from spoofbench.schema import KINDS
 
-Format = Literal["csv", "parquet", "mat", "npy"]
+Format = Literal["csv", "parquet", "mat", "npy", "json"]
 Clock = Literal["sensor", "recorder", "gnss"]
 Constant = bool | int | float | str
 Count = Annotated[int, Ge(0)]
@@ -164,6 +164,7 @@ class TableSettings:
     encoding: Literal["utf-8", "latin-1"] = "utf-8"
     variable: str = ""
     index: str = ""
+    flight: Texts = ()
     time: TimeSettings | None = None
 
     def __post_init__(self) -> None:

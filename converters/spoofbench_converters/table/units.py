@@ -90,6 +90,7 @@ _TABLE: dict[
             "mm/s": (Fraction(1, 1000), 0),
             "km/h": (Fraction(10, 36), 0),
             "knot": (Fraction(1852, 3600), 0),
+            "ft/min": (Fraction("0.00508"), 0),
             "mph": (Fraction("0.44704"), 0),
             "ft/s": (Fraction("0.3048"), 0),
         },
