@@ -64,6 +64,24 @@ def axis_along(axes: str, direction: str) -> tuple[int, int]:
     return index, known[index][1]
 
 
+def turned_axes(axes: str, quarters: int) -> str:
+    """Return the axes of an IMU that is turned clockwise from above by so many quarters against
+    where its axes are said to point.
+
+    One called ``frd`` that is turned by two quarters has the axes ``bld``; its forward axis points
+    right after one quarter.
+
+    Args:
+        axes: three letters, see :func:`imu_axes`.
+        quarters: any whole number.
+    """
+    around = "frbl"
+    return "".join(
+        around[(around.index(letter) + quarters) % 4] if letter in around else letter
+        for letter in axes.lower()
+    )
+
+
 def last_row(time_ns: Times, at_ns: Times) -> Indices:
     """Return the last row at or before each time, what is known then; -1 where there is none.
 
@@ -164,16 +182,28 @@ def is_stationary(imu: Table, time_ns: Times, limits: Standstill) -> Floats:
         time_ns: ``(n,)``.
         limits: below both of which it stands still.
     """
-    blocks = round(limits.span_s / limits.smooth_s)
-    edges = time_ns[:, None] + np.rint(np.linspace(-limits.span_s, 0, blocks + 1) * 1e9).astype(
-        np.int64
-    )
+    force_std, rate_rms = agitation(imu, time_ns, limits.span_s, limits.smooth_s)
+    still = (force_std < limits.force_std_mps2) & (rate_rms < limits.rate_rms_radps)
+    return np.where(np.isnan(force_std) | np.isnan(rate_rms), np.nan, still)
+
+
+def agitation(imu: Table, time_ns: Times, span_s: float, smooth_s: float) -> tuple[Floats, Floats]:
+    """Return how much force, m/s^2, and rate, rad/s, vary in the span before each time, as
+    :class:`Standstill` has it, ``(n,)`` each; NaN where rows are missing.
+
+    Args:
+        imu: rows of kind ``imu``.
+        time_ns: ``(n,)``.
+        span_s: over which they are judged.
+        smooth_s: of the force.
+    """
+    blocks = round(span_s / smooth_s)
+    edges = time_ns[:, None] + np.rint(np.linspace(-span_s, 0, blocks + 1) * 1e9).astype(np.int64)
     force = _means(imu, [imu[name] for name in FORCE], edges[:, :-1].ravel(), edges[:, 1:].ravel())
     force_std = np.sqrt(force.reshape(3, -1, blocks).var(axis=2).sum(axis=0))
     x, y, z = (imu[name] for name in RATE)
     rate_rms = np.sqrt(_means(imu, [x * x + y * y + z * z], edges[:, 0], edges[:, -1])[0])
-    still = (force_std < limits.force_std_mps2) & (rate_rms < limits.rate_rms_radps)
-    return np.where(np.isnan(force_std) | np.isnan(rate_rms), np.nan, still)
+    return force_std, rate_rms
 
 
 def _means(imu: Table, columns: Sequence[Floats], start_ns: Times, end_ns: Times) -> Floats:

@@ -28,6 +28,7 @@ def drive(
     *,
     flaws: bool = True,
     second_sources: bool = False,
+    lag_s: float = 0.0,
 ) -> Recording:
     """Return a car drive with turns, hills and stops, of which ``imu0`` and ``gnss0`` are the
     primary sources.
@@ -43,12 +44,15 @@ def drive(
         flaws: whether epochs jitter, rows are missing (8 s of GNSS, 1.5 s of IMU) and one epoch has
             no fix.
         second_sources: whether a second receiver ``gnss1`` and IMU ``imu1`` ride along.
+        lag_s: how late the stamps of ``gnss0`` are against the IMU's.
     """
     rng = np.random.default_rng(seed)
     motion = make_motion(rng, duration_s)
     tables = {"/imu0/imu": _imu(rng, motion, flaws)}
     epochs = _epochs(rng, duration_s, gnss_hz, flaws)
-    tables |= _receiver(rng, "gnss0", motion, epochs, flaws) | _aiding(rng, motion)
+    receiver = _receiver(rng, "gnss0", motion, epochs, flaws)
+    tables |= {topic: _late(table, lag_s) for topic, table in receiver.items()}
+    tables |= _aiding(rng, motion)
     sources = {"source/imu0": {"axes": "frd"}, "source/gnss0": {"solution": "gnss"}}
     if second_sources:
         tables |= {"/imu1/imu": _imu(rng, motion, flaws)}
@@ -100,6 +104,11 @@ def spoofed_drive(seed: int = 0, duration_s: float = 240.0, gnss_hz: float = 1.0
 
 def _at(time_s: Floats) -> NDArray[np.int64]:
     return START_NS + np.round(time_s * 1e9).astype(np.int64)
+
+
+def _late(table: Table, lag_s: float) -> Table:
+    columns = {name: table.column(name) for name in table}
+    return Table(table.kind.name, table.time_ns + round(lag_s * 1e9), columns)
 
 
 def _epochs(rng: np.random.Generator, duration_s: float, rate_hz: float, flaws: bool) -> Floats:
