@@ -16,7 +16,7 @@ from spoofbench_innovation.filtering import Innovations
 from spoofbench_innovation.monitor import ratio, thresholds_squared
 
 from spoofbench.detector import Trainable, detect
-from spoofbench.errors import PluginError, RecordingError
+from spoofbench.errors import NotApplicable, PluginError
 from spoofbench.navigation.preintegration import rotations
 from spoofbench.plugins import DETECTORS, make
 from spoofbench.recording import Recording
@@ -151,21 +151,29 @@ def test_absurd_values_give_decisions(data: st.DataObject) -> None:
     assert decisions.time_ns.size
 
 
+def test_fitting_finds_the_lag() -> None:
+    late = [drive(seed, 240.0, lag_s=0.3).blind() for seed in (0, 1)]
+    assert MONITOR.fit(late, []).lag_s == pytest.approx(0.3, abs=0.1)
+
+
 def test_fitting_raises_the_inflation_to_the_mean_of_clean_recordings_and_never_lowers_it() -> None:
     assert isinstance(MONITOR, Trainable)
-    clean = [drive(seed, 120.0).blind() for seed in (0, 1)]
+    clean = [drive(seed, 240.0).blind() for seed in (0, 1)]
     optimistic = replace(MONITOR, velocity_mps=0.005, climb_mps=0.005)
     fitted = optimistic.fit(clean, [])
+    optimistic = replace(optimistic, lag_s=fitted.lag_s)
     found = [optimistic.filtered(recording)[1] for recording in clean]
     mean = sum(one.squared[one.run >= 0].sum() for one in found) / sum(
         one.measured[one.run >= 0].sum() for one in found
     )
-    assert fitted.inflation == pytest.approx(mean)
-    assert replace(fitted, inflation=1.0) == optimistic
+    assert fitted == replace(optimistic, inflation=mean)
     assert mean > 1
     assert MONITOR.fit(clean, []).inflation == 1
-    with pytest.raises(RecordingError, match="enough motion"):
-        MONITOR.fit([drive(0, 60.0).until(drive(0, 60.0).span.start_ns + 5 * 10**9)], [])
+
+
+def test_what_does_not_move_cannot_be_fitted() -> None:
+    with pytest.raises(NotApplicable, match="the lag cannot be fitted"):
+        MONITOR.fit([drive(0, 60.0).blind()], [])
 
 
 def test_variants_share_what_the_imu_decides(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,15 +5,24 @@ Lo, Chen, Reid, Perkins, Walter, Enge: The Benefit of Low Cost Accelerometers fo
 Anti-Spoofing, ION Pacific PNT 2017.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar, Literal, get_args
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Self, get_args
 
 import numpy as np
 
-from spoofbench.arrays import Floats, Times
-from spoofbench.detector import Decisions
+from spoofbench.arrays import Floats, Ints, Times
+from spoofbench.detector import Decisions, Labelled
+from spoofbench.errors import NotApplicable
 from spoofbench.navigation.gnss import lacks_fix, local_position_ned, velocity_ned
-from spoofbench.navigation.imu import imu_axes
+from spoofbench.navigation.imu import imu_axes, turned_axes
+from spoofbench.navigation.installation import (
+    LagSeries,
+    best_lag,
+    imu_heading_rad,
+    motion_series,
+    trimmed_mean,
+)
 from spoofbench.recording import Recording
 from spoofbench.table import Table
 from spoofbench_acceleration.motion import (
@@ -38,6 +47,11 @@ from spoofbench_acceleration.statistics import (
 
 ComparedAxis = Literal["vertical", "along_track"]
 AccelerationSource = Literal["velocity", "position"]
+
+
+_AXES: Mapping[ComparedAxis, str] = {"along_track": "forward", "vertical": "up"}
+NORMAL_95 = 1.96
+"""Standard deviations within which 95 % of a normal distribution lie."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,8 +191,7 @@ class AccelerationMonitor:
         """
         comparison = self.compare(recording)
         time_s = _seconds(comparison.time_ns)
-        difference = comparison.sensed_mps2 - comparison.expected_mps2
-        average, runs = exponential_average(time_s, difference, self.averaging_s, self.averaging)
+        average, runs = self._averaged(comparison)
         mean, variance = sample_statistics(average, runs, self.samples, self.stride)
         z = mean_difference(mean, self.bias_mps2, self.sigma_mps2) / self.z_threshold
         chi2 = chi_square(variance, self.samples, self.sigma_mps2) / self.chi2_threshold
@@ -193,14 +206,92 @@ class AccelerationMonitor:
         Raises:
             RecordingError: a required kind is missing, or the IMU's axes are unknown.
         """
-        pvt, imu = recording.primary("gnss/pvt").last_per_time(), recording.primary("imu")
-        axis = "forward" if self.axis == "along_track" else "up"
+        pvt = recording.primary("gnss/pvt").last_per_time()
+        motion = self._motion(pvt, _seconds(pvt.time_ns))
+        sensed = self._sensed(recording, pvt.time_ns, self.lag_s)
+        return ForceComparison(pvt.time_ns, sensed, self._expected(motion))
+
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:  # noqa: ARG002, what is attacked says nothing of the installation
+        """Return the monitor with what clean recordings say of installation and noise.
+
+        ``lag_s`` is where the correlation of the sensed with the expected force is largest, not
+        below 0. Along the track, unless ``axes`` are given, they are turned about the vertical by
+        quarters to where the IMU's forward axis points; with ``pitch``, ``mounting_pitch_deg`` is
+        where the difference has no mean in motion: the offset of the accelerometer is part of it.
+        ``sigma_mps2`` is the 95 % point of the averaged difference's deviation from its mean over
+        1.96, so that a few outliers do not count; ``bias_mps2`` the largest mean of a recording,
+        and no less than it was. The thresholds stay.
+
+        Raises:
+            NotApplicable: the recordings do not determine the lag.
+            RecordingError: a required kind is missing, or the IMU's axes are unknown.
+        """
+        turned = self._turned(clean) if self.axis == "along_track" and not self.axes else self
+        found = best_lag([turned._lag_series(one) for one in clean])
+        fitted = replace(turned, lag_s=max(0.0, found.lag_s))
+        if self.axis == "along_track" and self.pitch:
+            level = replace(fitted, mounting_pitch_deg=0.0)
+            offset_mps2 = trimmed_mean(np.concatenate([level._in_motion(one) for one in clean]))
+            sine = np.clip(offset_mps2 / self.gravity_mps2, -1, 1)
+            fitted = replace(level, mounting_pitch_deg=float(np.degrees(np.arcsin(sine))))
+        averages = [fitted._averaged(fitted.compare(one))[0] for one in clean]
+        averages = [one[~np.isnan(one)] for one in averages]
+        means = [one.mean() for one in averages if one.size]
+        deviations = np.concatenate([one - one.mean() for one in averages if one.size])
+        return replace(
+            fitted,
+            sigma_mps2=float(np.quantile(np.abs(deviations), 0.95) / NORMAL_95),
+            bias_mps2=max(self.bias_mps2, float(np.abs(means).max())),
+        )
+
+    def _turned(self, clean: Sequence[Recording]) -> Self:
+        """Return the monitor with axes turned to where the IMU points; itself, where they are what
+        the recordings say.
+        """
+        named = {imu_axes(one) for one in clean}
+        lag_s = best_lag([motion_series(one, "horizontal_force") for one in clean]).lag_s
+        quarters = round(imu_heading_rad(clean, lag_s) / (np.pi / 2)) % 4
+        if not quarters:
+            return self
+        if len(named) > 1:
+            raise NotApplicable(
+                f"the IMU does not point forward, and its axes have several names: {sorted(named)}"
+            )
+        return replace(self, axes=turned_axes(named.pop(), quarters))
+
+    def _lag_series(self, recording: Recording) -> LagSeries:
+        pvt = recording.primary("gnss/pvt").last_per_time()
+        expected = self._expected(self._motion(pvt, _seconds(pvt.time_ns)))
+        return LagSeries(
+            pvt.time_ns,
+            expected[None],
+            lambda lag_s: self._sensed(recording, pvt.time_ns, lag_s)[None],
+        )
+
+    def _in_motion(self, recording: Recording) -> Floats:
+        """Return the differences of force while the vehicle moves, m/s^2, ``(k,)``."""
+        pvt = recording.primary("gnss/pvt").last_per_time()
+        motion = self._motion(pvt, _seconds(pvt.time_ns))
+        difference = self._sensed(recording, pvt.time_ns, self.lag_s) - self._expected(motion)
+        speed_mps = np.hypot(motion.velocity_mps[:, 0], motion.velocity_mps[:, 1])
+        return difference[(speed_mps >= self.slowest_mps) & ~np.isnan(difference)]
+
+    def _averaged(self, comparison: ForceComparison) -> tuple[Floats, Ints]:
+        """Return the averaged difference and the number of its run, ``(n,)`` each."""
+        return exponential_average(
+            _seconds(comparison.time_ns),
+            comparison.sensed_mps2 - comparison.expected_mps2,
+            self.averaging_s,
+            self.averaging,
+        )
+
+    def _expected(self, motion: GnssMotion) -> Floats:
+        return specific_force(motion, self._attitude(motion), _AXES[self.axis], self.gravity_mps2)
+
+    def _sensed(self, recording: Recording, time_ns: Times, lag_s: float) -> Floats:
         axes = self.axes or imu_axes(recording)
-        time_s = _seconds(pvt.time_ns)
-        motion = self._motion(pvt, time_s)
-        expected = specific_force(motion, self._attitude(motion), axis, self.gravity_mps2)
-        sensed = sensed_force(imu, axes, axis, pvt.time_ns - round(self.lag_s * 1e9))
-        return ForceComparison(pvt.time_ns, sensed, expected)
+        edges_ns = time_ns - round(lag_s * 1e9)
+        return sensed_force(recording.primary("imu"), axes, _AXES[self.axis], edges_ns)
 
     def _attitude(self, motion: GnssMotion) -> tuple[Floats, Floats, Floats]:
         """Return roll, pitch and heading of the IMU, rad, ``(n,)`` each."""

@@ -1,14 +1,15 @@
 """The correlation detector: magnitude verification (MAV) and horizontal components (HoC)."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar, Literal, get_args
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Self, get_args
 
 import numpy as np
 
 from spoofbench.arrays import Floats, Times
-from spoofbench.detector import Decisions
+from spoofbench.detector import Decisions, Labelled
 from spoofbench.navigation.imu import ImuMeans, Standstill, interval_means, is_stationary
+from spoofbench.navigation.installation import LagSeries, best_lag
 from spoofbench.recording import Recording
 from spoofbench.table import Table
 from spoofbench_correlation import gravity, windows
@@ -137,7 +138,7 @@ class Correlation:
                 np.zeros(velocity.time_ns.size, bool),
             )
         start_ns, end_ns = velocity.time_ns[:-1], velocity.time_ns[1:]
-        x, y = self._series(recording.primary("imu"), velocity)
+        x, y = self._series(recording.primary("imu"), velocity, self.lag_s)
         dt_s = (end_ns - start_ns) / 1e9
         valid = (dt_s <= LONGEST_PAIR_S) & ~np.isnan(x).any(axis=0) & ~np.isnan(y).any(axis=0)
         first = windows.first_of_window(start_ns, end_ns, self.window_s)
@@ -146,12 +147,36 @@ class Correlation:
         score = np.append(np.nan, np.where(covered, (1 - value) / (1 - self.threshold), np.nan))
         return Decisions(velocity.time_ns, score, ~np.isnan(score))
 
-    def _series(self, imu: Table, velocity: ReceiverVelocity) -> tuple[Floats, Floats]:
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:  # noqa: ARG002, what is attacked says nothing of the receiver's lag
+        """Return the detector with the ``lag_s``, not below 0, at which its own statistic, taken
+        over the clean recordings as one window, is largest.
+
+        Raises:
+            NotApplicable: the recordings do not determine the lag.
+            RecordingError: a required kind is missing.
+        """
+        weights = (1 - self.alpha, self.alpha) if len(SERIES[self.statistic]) == 2 else (1.0,)
+        found = best_lag([self._lag_series(recording) for recording in clean], weights)
+        return replace(self, lag_s=max(0.0, found.lag_s))
+
+    def _lag_series(self, recording: Recording) -> LagSeries:
+        imu, velocity = recording.primary("imu"), receiver_velocity(recording.primary("gnss/pvt"))
+        _, y = self._series(imu, velocity, 0.0)
+        long = np.diff(velocity.time_ns) > round(LONGEST_PAIR_S * 1e9)
+        return LagSeries(
+            velocity.time_ns[1:],
+            np.where(long, np.nan, y),
+            lambda lag_s: self._series(imu, velocity, lag_s)[0],
+        )
+
+    def _series(
+        self, imu: Table, velocity: ReceiverVelocity, lag_s: float
+    ) -> tuple[Floats, Floats]:
         """Return the IMU's and the receiver's series per pair of epochs, ``(k, n)`` each, k = 2 for
         a combination.
         """
         start_ns, end_ns = velocity.time_ns[:-1], velocity.time_ns[1:]
-        lag_ns = round(self.lag_s * 1e9)
+        lag_ns = round(lag_s * 1e9)
         means = interval_means(imu, start_ns - lag_ns, end_ns - lag_ns)
         at_rest = self._gravity(imu, means, end_ns - lag_ns, (end_ns - start_ns) / 1e9)
         pairs = [series(name, means, at_rest, velocity) for name in SERIES[self.statistic]]

@@ -1,18 +1,25 @@
 """The zero-velocity detector: GNSS and IMU must stand still at the same times."""
 
-from dataclasses import dataclass
-from typing import ClassVar, Literal, get_args
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Self, get_args
 
 import numpy as np
 
 from spoofbench.arrays import Bools, Floats
-from spoofbench.detector import Decisions
-from spoofbench.navigation.imu import Standstill, is_stationary
+from spoofbench.detector import Decisions, Labelled
+from spoofbench.errors import NotApplicable
+from spoofbench.navigation.imu import Standstill, agitation, is_stationary
+from spoofbench.navigation.installation import best_lag, motion_series
 from spoofbench.recording import Recording
 from spoofbench_correlation import windows
 from spoofbench_correlation.series import LONGEST_PAIR_S, receiver_velocity
 
 Contradiction = Literal["either", "gnss_still", "imu_still"]
+
+LEAST_PAIRS = 30
+"""Pairs of either kind without which nothing is known of standstill."""
+LIMITS_TRIED = 101
 
 
 @dataclass(frozen=True)
@@ -123,6 +130,48 @@ class ZeroVelocity:
             np.append(np.zeros(speed[:1].size, bool), available),
         )
 
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:  # noqa: ARG002, what is attacked says nothing of the installation
+        """Return the detector with the lag of the receiver and the limits of the IMU's standstill.
+
+        The paper leaves the limits to the user: they are the IMU's noise and the vehicle's
+        vibration. ``force_std_mps2`` and ``rate_rms_radps`` are those at which the smallest share
+        of the clean pairs is contradicted, where standstill of the receiver and motion count alike.
+        ``lag_s`` is that of the horizontal force, since contradictions are too few to tell it, and
+        not below 0. ``speed_mps`` and the threshold stay.
+
+        Raises:
+            NotApplicable: the recordings do not determine the lag, or do not hold half a minute of
+                both standstill and motion.
+            RecordingError: a required kind is missing.
+        """
+        found = best_lag([motion_series(one, "horizontal_force") for one in clean])
+        fitted = replace(self, lag_s=max(0.0, found.lag_s))
+        felt, still = zip(*(fitted._standing(one) for one in clean), strict=True)
+        agitated, stands = np.concatenate(felt, axis=1), np.concatenate(still)
+        known = ~np.isnan(agitated).any(axis=0)
+        standing, moving = (agitated[:, known & (stands == one)] for one in (1, 0))
+        if min(standing.shape[1], moving.shape[1]) < LEAST_PAIRS:
+            raise NotApplicable(
+                "the limits of standstill cannot be fitted: GNSS stands still over "
+                f"{standing.shape[1]} pairs of epochs and moves over {moving.shape[1]}, and "
+                f"{LEAST_PAIRS} of both are needed"
+            )
+        force_std_mps2, rate_rms_radps = _limits(standing, moving)
+        return replace(fitted, force_std_mps2=force_std_mps2, rate_rms_radps=rate_rms_radps)
+
+    def _standing(self, recording: Recording) -> tuple[Floats, Floats]:
+        """Return how the IMU varies before each pair's end, ``(2, n)``, and whether the receiver
+        stands still at both ends: 1, 0, or NaN where it does at one or is unknown, ``(n,)``.
+        """
+        velocity = receiver_velocity(recording.primary("gnss/pvt"))
+        end_ns = velocity.time_ns[1:] - round(self.lag_s * 1e9)
+        felt = agitation(recording.primary("imu"), end_ns, self.span_s, self.smooth_s)
+        slow, fast = velocity.speed_mps < self.speed_mps, velocity.speed_mps >= self.speed_mps
+        still = np.where(slow[1:] & slow[:-1], 1.0, np.nan)
+        still[fast[1:] & fast[:-1]] = 0.0
+        still[np.diff(velocity.time_ns) > round(LONGEST_PAIR_S * 1e9)] = np.nan
+        return np.stack(felt), still
+
     def _contradicted(self, speed: Floats, imu_still: Bools) -> Bools:
         slow = speed < self.speed_mps
         gnss_still = slow[1:] & slow[:-1] & ~imu_still
@@ -130,3 +179,23 @@ class ZeroVelocity:
         if self.contradiction == "either":
             return gnss_still | gnss_moves
         return gnss_still if self.contradiction == "gnss_still" else gnss_moves
+
+
+def _limits(standing: Floats, moving: Floats) -> tuple[float, float]:
+    """Return the limits of force and rate below both of which the fewest are misjudged: the sum of
+    the share of those standing, ``(2, m)``, that lie above one, and of those moving, ``(2, n)``,
+    that lie below both.
+    """
+    steps = np.linspace(0, 1, LIMITS_TRIED)
+    force, rate = np.quantile(np.concatenate([standing, moving], axis=1), steps, axis=1).T
+    best, limits = np.inf, (0.0, 0.0)
+    for force_limit in force[1:].tolist():
+        stand, move = (np.sort(felt[1, felt[0] < force_limit]) for felt in (standing, moving))
+        wrong = (
+            1
+            - np.searchsorted(stand, rate[1:], "left") / standing.shape[1]
+            + np.searchsorted(move, rate[1:], "left") / moving.shape[1]
+        )
+        if wrong.min() < best:
+            best, limits = wrong.min(), (force_limit, float(rate[1:][np.argmin(wrong)]))
+    return limits

@@ -13,7 +13,8 @@ import numpy as np
 
 from spoofbench.arrays import Floats, Times, run_starts
 from spoofbench.detector import Decisions, Labelled
-from spoofbench.errors import RecordingError
+from spoofbench.errors import NotApplicable
+from spoofbench.navigation.installation import best_lag, motion_series
 from spoofbench.recording import Recording
 from spoofbench_innovation.error_model import GRADES, Grade, GradeName
 from spoofbench_innovation.filtering import FilterSettings, Innovations, innovations
@@ -166,27 +167,32 @@ class InnovationMonitor:
         settings = FilterSettings(self.imu_errors, round(self.lag_s * 1e9), self.restart_s)
         return found, innovations(recording.primary("imu"), found, settings)
 
-    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:  # noqa: ARG002, what is attacked says nothing of noise
-        """Return the monitor whose ``inflation`` is the mean of the normalised innovations squared
-        of clean recordings.
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:  # noqa: ARG002, what is attacked says nothing of lag and noise
+        """Return the monitor with the lag of the receiver, and noise as large as it is.
 
-        It is at least 1: a mean below it comes of position errors that last, so that a filter soon
-        foresees them. The variance that covers them must stay.
+        ``lag_s`` is that of the horizontal force, and not below 0. With it, ``inflation`` is the
+        mean of the normalised innovations squared per measurement, and at least 1: a mean below it
+        comes of position errors that last, so that a filter soon foresees them. The variance that
+        covers them must stay. The deviations of the single sensors stay, too.
 
         Raises:
-            RecordingError: there is no clean recording on which the filter can be aligned.
+            NotApplicable: the recordings do not determine the lag, or have too little motion to
+                align the filter.
+            RecordingError: a required kind is missing.
         """
+        found = best_lag([motion_series(one, "horizontal_force") for one in clean])
+        fitted = replace(self, lag_s=max(0.0, found.lag_s))
         squared, degrees = 0.0, 0
         for recording in clean:
-            _, filtered = self.filtered(recording)
+            _, filtered = fitted.filtered(recording)
             squared += float(filtered.squared[filtered.run >= 0].sum())
             degrees += int(filtered.measured[filtered.run >= 0].sum())
         if not degrees:
-            raise RecordingError(
+            raise NotApplicable(
                 "the innovation monitor cannot be fitted: no clean recording has enough motion to "
                 "align it"
             )
-        return replace(self, inflation=max(1.0, squared / degrees))
+        return replace(fitted, inflation=max(1.0, squared / degrees))
 
 
 _OVERRIDES = (
