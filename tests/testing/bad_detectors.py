@@ -1,14 +1,16 @@
 """One honest detector and others that each break one law."""
 
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from spoofbench.detector import Decisions
+from spoofbench.detector import Decisions, Labelled
+from spoofbench.errors import NotApplicable
 from spoofbench.recording import Recording
 
 
@@ -256,3 +258,53 @@ class HasEndlessMemory(Honest):
 @dataclass(frozen=True)
 class CannotBePickled(Honest):
     rule: Any = field(default_factory=lambda: lambda: 0)
+
+
+@dataclass(frozen=True)
+class HonestLearner(Honest):
+    """Alerts above the largest speed of clean recordings."""
+
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:
+        return replace(self, limit_mps=max(float(np.nanmax(speeds(one)[1])) for one in clean))
+
+
+@dataclass(frozen=True)
+class RefusesToLearn(Honest):
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:
+        raise NotApplicable("there is nothing to learn")
+
+
+@dataclass(frozen=True)
+class LearnsInPlace(HonestLearner):
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:
+        object.__setattr__(self, "limit_mps", super().fit(clean, attacked).limit_mps)
+        return self
+
+
+@dataclass(frozen=True)
+class BecomesAnother(Honest):
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Any:
+        return HonestLearner()
+
+
+@dataclass(frozen=True)
+class LearnsByChance(HonestLearner):
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:
+        return replace(self, limit_mps=np.random.default_rng().uniform(5, 20))
+
+
+@dataclass(frozen=True)
+class LearnsInSecretFromAttacks(HonestLearner):
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:
+        return super().fit([*clean, *(one.recording for one in attacked)], []) if attacked else self
+
+
+@dataclass(frozen=True)
+class LooksAheadOnceFitted(HonestLearner):
+    fitted: bool = False
+
+    def fit(self, clean: Sequence[Recording], attacked: Sequence[Labelled]) -> Self:
+        return replace(self, fitted=True)
+
+    def detect(self, recording: Recording) -> Decisions:
+        return LooksOneEpochAhead().detect(recording) if self.fitted else super().detect(recording)

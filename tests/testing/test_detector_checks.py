@@ -59,12 +59,22 @@ BROKEN = {
     bad.RequiresAnUnknownKind: "declares_its_needs",
     bad.HasEndlessMemory: "declares_its_needs",
     bad.CannotBePickled: "pickles",
+    bad.LearnsInPlace: "fits_a_copy",
+    bad.BecomesAnother: "fits_a_copy",
+    bad.LearnsByChance: "fits_alike_twice",
+    bad.LearnsInSecretFromAttacks: "learns_only_what_it_declares",
+    bad.LooksAheadOnceFitted: "keeps_the_laws_when_fitted",
 }
 
 
 @check_detector(bad.Honest())
 def test_an_honest_detector_passes(check: Any) -> None:
     check()
+
+
+@pytest.mark.parametrize("learner", [bad.HonestLearner, bad.RefusesToLearn])
+def test_an_honest_learner_passes(learner: type[Detector]) -> None:
+    assert [one.reason for one in run_detector_checks(learner()) if not one.passed] == []
 
 
 @pytest.mark.parametrize(

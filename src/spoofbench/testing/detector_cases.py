@@ -2,11 +2,14 @@
 that tells decisions apart.
 """
 
+import os
+import random
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -90,6 +93,27 @@ def private(recording: Recording) -> Recording:
     return Recording(
         {topic: table.take(slice(None)) for topic, table in recording.items()}, recording.metadata
     )
+
+
+def fingerprint(recording: Recording) -> tuple[str, dict[str, dict[str, str]]]:
+    """Return what changes when a recording does."""
+    metadata = {name: dict(record) for name, record in recording.metadata.items()}
+    return Recording(dict(recording.items()), recording.metadata).digest(), metadata
+
+
+def process_state() -> dict[str, Any]:
+    """Return what a detector must leave alone, by the name that a reason can cite."""
+    name, keys, *rest = np.random.get_state()  # noqa: NPY002  the very state that must stay
+    state = {
+        "numpy's global random generator": (name, np.asarray(keys).tobytes(), *rest),
+        "the random module": random.getstate(),
+    }
+    return {
+        **state,
+        "numpy's error state": np.geterr(),
+        "the folder": Path.cwd(),
+        "the environment": dict(os.environ),
+    }
 
 
 def decide(detector: Detector, recording: Recording) -> Decisions:

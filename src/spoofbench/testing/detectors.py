@@ -3,20 +3,18 @@
 import dataclasses
 import inspect
 import math
-import os
 import pickle
-import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spoofbench.detector import Detector, warm_up_s
+from spoofbench.detector import Detector, Trainable, warm_up_s
 from spoofbench.recording import Recording
 from spoofbench.schema import SENSOR_KINDS, split_topic
+from spoofbench.testing import fits
 from spoofbench.testing.detector_cases import (
     DetectorUnderTest,
     cuts,
@@ -25,8 +23,10 @@ from spoofbench.testing.detector_cases import (
     degraded_recordings,
     difference,
     examples,
+    fingerprint,
     futures,
     private,
+    process_state,
     quiet,
 )
 from spoofbench.testing.isolation import decide_alone
@@ -118,11 +118,17 @@ def declares_its_needs(subject: DetectorUnderTest) -> None:
 
 
 def decides(subject: DetectorUnderTest) -> None:
-    """It gives decisions on ordinary drives, an available one at least; no score is -inf."""
+    """It gives decisions on ordinary drives, an available one at least, once it is fitted if it has
+    to be; no score is -inf.
+    """
     for name, decisions in subject.decided.items():
         lowest = decisions.score[decisions.available].min(initial=np.inf)
         require(lowest > -np.inf, f"on {name} a score is -inf: scores must be finite or +inf")
     available = any(decisions.available.any() for decisions in subject.decided.values())
+    if not available and isinstance(subject.detector, Trainable):
+        fitted = fits.fit(subject.detector)
+        if fitted is not None:
+            available = bool(decide(fitted, examples()[0].recording).available.any())
     require(
         available,
         (
@@ -170,15 +176,10 @@ def leaves_the_recording(subject: DetectorUnderTest) -> None:
     """The recording is the same after the call."""
     for example in examples():
         blind = private(example.recording.blind())
-        before = _fingerprint(blind)
+        before = fingerprint(blind)
         with quiet():
             subject.detector.detect(blind)
-        require(_fingerprint(blind) == before, f"detect() alters the recording of {example}")
-
-
-def _fingerprint(recording: Recording) -> tuple[str, dict[str, dict[str, str]]]:
-    metadata = {name: dict(record) for name, record in recording.metadata.items()}
-    return Recording(dict(recording.items()), recording.metadata).digest(), metadata
+        require(fingerprint(blind) == before, f"detect() alters the recording of {example}")
 
 
 def keeps_no_state(subject: DetectorUnderTest) -> None:
@@ -197,9 +198,9 @@ def leaves_the_process(subject: DetectorUnderTest) -> None:
     they are.
     """
     with global_seed(11):
-        before = _process_state()
+        before = process_state()
         decide(subject.detector, examples()[0].recording)
-        for name, value in _process_state().items():
+        for name, value in process_state().items():
             require(value == before[name], f"detect() changes {name} of the process")
 
 
@@ -212,20 +213,6 @@ def is_deterministic(subject: DetectorUnderTest) -> None:
                     subject.decided[example.name], decide(subject.detector, example.recording)
                 )
             _require_same(reason, f"on {example}, a second run decides otherwise")
-
-
-def _process_state() -> dict[str, Any]:
-    name, keys, *rest = np.random.get_state()  # noqa: NPY002  the very state that must stay
-    state = {
-        "numpy's global random generator": (name, np.asarray(keys).tobytes(), *rest),
-        "the random module": random.getstate(),
-    }
-    return {
-        **state,
-        "numpy's error state": np.geterr(),
-        "the folder": Path.cwd(),
-        "the environment": dict(os.environ),
-    }
 
 
 def needs_nothing_but_the_blind_recording(subject: DetectorUnderTest) -> None:
@@ -302,6 +289,15 @@ def survives_degraded_recordings(subject: DetectorUnderTest) -> None:
             require(lowest > -np.inf, f"on {name} a score is -inf: scores must be finite or +inf")
 
 
+def keeps_the_laws_when_fitted(subject: DetectorUnderTest) -> None:
+    """Fitted, it is causal, keeps no state, and survives degraded recordings, as before."""
+    fitted = fits.fit(subject.detector) if isinstance(subject.detector, Trainable) else None
+    if fitted is not None:
+        learned = DetectorUnderTest(fitted, MappingProxyType({}))
+        for law in (keeps_causality, keeps_no_state, survives_degraded_recordings):
+            law(learned)
+
+
 LAWS: tuple[Callable[[DetectorUnderTest], None], ...] = (
     is_a_frozen_dataclass,
     declares_its_needs,
@@ -317,4 +313,8 @@ LAWS: tuple[Callable[[DetectorUnderTest], None], ...] = (
     does_without_what_it_does_not_require,
     says_what_is_missing,
     survives_degraded_recordings,
+    fits.fits_a_copy,
+    fits.fits_alike_twice,
+    fits.learns_only_what_it_declares,
+    keeps_the_laws_when_fitted,
 )
