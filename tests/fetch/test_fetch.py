@@ -9,6 +9,7 @@ from spoofbench.codec import read
 from spoofbench.errors import SpoofbenchError
 from spoofbench.fetch import cache, fetch, fetched, is_cached, names_of, recipe
 from spoofbench.fetch.sources import digest_of_file
+from spoofbench.recording import attacked_intervals
 from tests.fetch.conftest import LOG, Offers, Shelf, said
 
 
@@ -195,6 +196,30 @@ def test_a_stale_recording_is_made_again(
     assert digest_of_file(first) != digest_of_file(second)
     monkeypatch.setattr(cache, "_code", lambda _: {"spoofbench": "changed"})
     assert not is_cached("commute")
+
+
+def test_labels_are_written_beside_the_rows_and_decide_the_recording(
+    shelf: Shelf, tmp_path: Path
+) -> None:
+    mirror = tmp_path / "mirror"
+    mirror.mkdir()
+    (mirror / "log.csv").write_bytes(LOG)
+    shelf.offer(f"{{ url = 'https://example.org/log.csv', {said(LOG)} }}")
+    plain = fetch("commute", [mirror])
+    labels = (
+        "labelled_by = 'N. N.'\nsource = 'x'\ntime_base = 'utc'\ntime_check = 'x'\n[[attacked]]\n"
+        "class = 'generated'\nstart = 2024-05-01T10:00:20\nend = 2024-05-01T10:00:{}\n"
+    )
+    text = (shelf.folder / "recordings.toml").read_text()
+    shelf.write(f"{text}labels = 'commute.toml'\n")
+    (shelf.folder / "labels").mkdir()
+    seen = {plain}
+    for end in (30, 40):
+        (shelf.folder / "labels" / "commute.toml").write_text(labels.format(end))
+        seen.add(path := fetch("commute", [mirror]))
+        (interval,) = attacked_intervals(read(path))
+        assert (interval.end_ns - interval.start_ns) / 1e9 == end - 20
+    assert len(seen) == 3
 
 
 def test_what_cannot_be_converted_leaves_no_recording(shelf: Shelf, tmp_path: Path) -> None:

@@ -17,8 +17,9 @@ from spoofbench import config, plugins
 from spoofbench.conversion import convert
 from spoofbench.errors import SpoofbenchError
 from spoofbench.fetch.recipe_file import Recipe, recipe, wheels
-from spoofbench.fetch.sources import Mirror, Origins
+from spoofbench.fetch.sources import Mirror, Origins, digest_of_file
 from spoofbench.fingerprint import canonical, digest_of, package_digest
+from spoofbench.labels import label_file
 from spoofbench.shipped import shipped
 
 CACHE_VARIABLE = "SPOOFBENCH_CACHE"
@@ -29,7 +30,7 @@ MIRROR_VARIABLE = "SPOOFBENCH_MIRROR"
 the network.
 """
 
-_DECISIVE = ("arrays", "codec", "conversion", "gnss_time", "recording", "schema", "table")
+_DECISIVE = ("arrays", "codec", "conversion", "gnss_time", "labels", "recording", "schema", "table")
 """The modules of the core that decide a converted recording."""
 
 
@@ -114,11 +115,17 @@ def make(
             options=made_by.options,
             progress=progress,
         )
+        if made_by.labels:
+            label_file(made, _labels(made_by), made)
         made.replace(out)
 
 
 def _place(made_by: Recipe) -> Path:
     return cache_folder() / "recordings" / _key(made_by)[:20] / f"{made_by.name}.mcap"
+
+
+def _labels(made_by: Recipe) -> Path:
+    return shipped("labels") / str(made_by.labels)
 
 
 def _key(made_by: Recipe) -> str:
@@ -130,8 +137,7 @@ def _key(made_by: Recipe) -> str:
         "code": _code(made_by.format),
     }
     if made_by.labels:
-        labels = shipped("labels") / made_by.labels
-        inputs["labels"] = hashlib.sha256(labels.read_bytes()).hexdigest()
+        inputs["labels"] = digest_of_file(_labels(made_by))
     return hashlib.sha256(canonical(inputs).encode()).hexdigest()
 
 
