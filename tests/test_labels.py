@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spoofbench import info
+from spoofbench import api, info
 from spoofbench.codec import read, write
 from spoofbench.errors import ConfigError, RecordingError
 from spoofbench.labels import label_file, label_recording, read_labels
@@ -129,6 +129,11 @@ def test_labels_go_through_a_file_and_info_says_them(tmp_path: Path) -> None:
         "59 s; by J. Doe, from a report; time base recording, checked: the position jumps at both "
         "edges"
     ) in text
+
+
+def test_the_api_labels_too(tmp_path: Path) -> None:
+    (tmp_path / "l.toml").write_text(toml(("attacked", "600", "900")))
+    assert attacked_intervals(api.label(flight(), tmp_path / "l.toml")) == (ATTACKED,)
 
 
 def test_no_detector_sees_labels(tmp_path: Path) -> None:

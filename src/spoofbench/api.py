@@ -36,6 +36,7 @@ from spoofbench import detector as detectors
 from spoofbench.attacks.contract import Attack, choose_window
 from spoofbench.attacks.contract import make_variant as make_variant_in
 from spoofbench.detector import Decisions, Detector
+from spoofbench.labels import label_recording, read_labels
 from spoofbench.recording import Recording
 from spoofbench.table import Table
 
@@ -46,6 +47,7 @@ __all__ = [
     "convert",
     "detect",
     "evaluate",
+    "label",
     "leaderboard",
     "make_variant",
     "read",
@@ -145,6 +147,21 @@ def make_variant(
         name, chosen = type(attack).__name__, dataclasses.replace(attack, **parameters)  # type: ignore[type-var]
     window = choose_window(chosen, clean, donors, start_s, duration_s, seed)
     return make_variant_in(name, chosen, clean, window, seed, donors)
+
+
+def label(recording: Recording, labels: str | Path, *, replace: bool = False) -> Recording:
+    """Return a recording with labels of a real attack, in ``/truth/attack`` and ``/truth/clean``.
+
+    Args:
+        recording: that the labels are of.
+        labels: TOML or CSV: see :mod:`spoofbench.labels`.
+        replace: whether labels that are there may be exchanged.
+
+    Raises:
+        ConfigError: the labels cannot be read, or do not fit the recording.
+        RecordingError: it is labelled already, or carries an attack of ours.
+    """
+    return label_recording(recording, read_labels(Path(labels)), replace=replace)
 
 
 def detect(detector: str | Detector, recording: Recording, **parameters: Any) -> Decisions:

@@ -423,6 +423,16 @@ def test_labels_that_fit_and_labels_that_do_not() -> None:
         assert code in codes(examine(spoofed.replace({"/truth/attack": wrong})))
 
 
+def test_a_clean_label_without_an_epoch_is_found() -> None:
+    recording = drive(2, 120.0)
+    for off_s, found in ((10, False), (4000, True)):
+        start_ns = np.array([START_NS + off_s * SECOND_NS])
+        bounds = {"start_ns": start_ns, "end_ns": start_ns + 20 * SECOND_NS}
+        clean = Table("truth/clean", start_ns, bounds)
+        labelled = recording.replace({"/truth/clean": clean})
+        assert ("label-outside" in codes(examine(labelled))) == found
+
+
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan, 1e308, 0.0])
 def test_any_values_give_findings_that_machines_can_read(value: float) -> None:
     recording = drive(1, 60.0)

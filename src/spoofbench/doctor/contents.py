@@ -11,7 +11,7 @@ from spoofbench.doctor.motion import runs
 from spoofbench.doctor.positions import jumps
 from spoofbench.formatting import counted
 from spoofbench.recording import Recording
-from spoofbench.schema import LABEL_TOPICS, TRUTH_TOPIC, split_topic
+from spoofbench.schema import CLEAN_TOPIC, LABEL_TOPICS, TRUTH_TOPIC, split_topic
 
 GREAT_LOSS = 0.01
 HARMLESS_REASONS = (
@@ -293,21 +293,22 @@ def slow_imu(recording: Recording) -> Iterator[Finding]:
 
 
 def labels(recording: Recording) -> Iterator[Finding]:
-    """Attack intervals without an epoch, and jumps of the position near their start or end, with
-    none at it.
+    """Labelled intervals without an epoch, and jumps of the position near the start or end of an
+    attack, with none at it.
     """
-    if TRUTH_TOPIC not in recording or "gnss/pvt" not in recording.kinds:
+    if not LABEL_TOPICS & {*recording} or "gnss/pvt" not in recording.kinds:
         return
-    truth, pvt = recording[TRUTH_TOPIC], recording.primary("gnss/pvt").last_per_time()
+    pvt = recording.primary("gnss/pvt").last_per_time()
     steps, jump = jumps(pvt)
     jumped_ns = pvt.time_ns[steps.next_rows[jump]]
     advice = "check the time base of the labels"
-    for start_ns, end_ns in zip(truth["start_ns"].tolist(), truth["end_ns"].tolist(), strict=True):
+    for topic, start_ns, end_ns in _labelled(recording):
         span = {"start_ns": start_ns, "end_ns": end_ns}
         epochs = pvt.time_ns[(pvt.time_ns >= start_ns) & (pvt.time_ns < end_ns)]
         if not epochs.size:
-            text = "the attack's interval has no epoch in it"
-            yield Finding("label-outside", "error", TRUTH_TOPIC, text, advice, **span)
+            text = "the labelled interval has no epoch in it"
+            yield Finding("label-outside", "error", topic, text, advice, **span)
+        if not epochs.size or topic == CLEAN_TOPIC:
             continue
         after = pvt.time_ns[pvt.time_ns >= end_ns]
         edges = {"start": int(epochs[0]), "end": int(after[0]) if after.size else end_ns}
@@ -322,3 +323,10 @@ def labels(recording: Recording) -> Iterator[Finding]:
                 )
                 count = int(near_s.size)
                 yield Finding("label-onset", "warning", TRUTH_TOPIC, text, advice, count, **span)
+
+
+def _labelled(recording: Recording) -> Iterator[tuple[str, int, int]]:
+    """Yield the topic, start and end of each interval that is labelled attacked or clean."""
+    for topic in sorted(LABEL_TOPICS & {*recording}):
+        starts, ends = (recording[topic][name].tolist() for name in ("start_ns", "end_ns"))
+        yield from ((topic, *bounds) for bounds in zip(starts, ends, strict=True))
