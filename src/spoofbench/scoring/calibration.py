@@ -176,9 +176,10 @@ def detection_times_s(time_ns: Times, score: Floats, interval: Interval, factors
         factors: finite, in any order, ``(g,)``.
     """
     first, end = np.searchsorted(time_ns, (interval.start_ns, interval.end_ns))
-    decided = np.where(np.isnan(score), -np.inf, score)
-    before = decided[first - 1] if first else -np.inf
-    inside = decided[first:end]
+    lead = max(int(first) - 1, 0)
+    decided = np.where(np.isnan(score[lead:end]), -np.inf, score[lead:end])
+    before = decided[0] if first else -np.inf
+    inside = decided[int(first) - lead :]
     row = np.searchsorted(np.maximum.accumulate(inside), factors, "right")
     # an alert that is on before the attack must fall before it can rise
     for index in np.flatnonzero(factors < before):
