@@ -370,7 +370,9 @@ def label(
 
 @app.command()
 def run(
-    suite: Path,
+    suite: Annotated[
+        Path, typer.Argument(metavar="SUITE", help="A suite's file, or the name of a shipped one.")
+    ],
     out: Annotated[Path, typer.Option("-o", help="Results folder.")],
     workers: Annotated[
         int | None, typer.Option(help="Tasks at a time; else one per processor.")
@@ -382,13 +384,17 @@ def run(
         bool, typer.Option("--retry-failed", help="With --resume, run failed tasks again.")
     ] = False,
 ) -> None:
-    """Run a suite of detectors, and score it."""
+    """Run a suite of detectors, and score it.
+
+    Exit code: 0 done, 3 some tasks failed; 1 if the suite cannot be run.
+    """
+    from spoofbench.results import FAILURES, read_tasks
     from spoofbench.runner import run as run_suite
-    from spoofbench.suite import load_suite
+    from spoofbench.suite import find_suite, load_suite
 
     with progress_bars() as progress:
         run_suite(
-            load_suite(suite),
+            load_suite(find_suite(suite)),
             out,
             workers=workers,
             resume=resume,
@@ -396,6 +402,14 @@ def run(
             progress=progress("run"),
         )
     _leaderboard(out)
+    tasks = read_tasks(out)
+    failed = [task for task in tasks if task.status in FAILURES]
+    if failed:
+        complain(
+            f"{len(failed)} of {len(tasks)} tasks failed, such as {failed[0].detector} on "
+            f"{failed[0].recording}: {failed[0].reason}"
+        )
+        raise typer.Exit(3)
 
 
 @app.command()

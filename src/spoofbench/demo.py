@@ -37,7 +37,7 @@ def demonstrate(out: Path, workers: int | None, progress: Progress) -> Path:
     """
     out.mkdir(parents=True, exist_ok=True)
     recording, suite = out / "drive.mcap", out / "drive.toml"
-    suite.write_text(packaged_suite("drive"))
+    suite.write_text(packaged_suite("drive").read_text("utf-8"))
     step = progress("convert the drive")
     if not recording.exists():
         convert(drive_bag(), recording, progress=step)

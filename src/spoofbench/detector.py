@@ -8,7 +8,7 @@ besides is a protocol of its own: :class:`Trainable`, :class:`LearnsFromAttacks`
 takes :func:`stepwise`.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, Self, runtime_checkable
@@ -104,6 +104,39 @@ class Baseline(Detector, Protocol):
 
     @property
     def baseline(self) -> bool: ...
+
+
+_INPUTS = {
+    "gnss/pvt": "gnss",
+    "gnss/timemark": "gnss",
+    "gnss/signal": "signal",
+    "gnss/rf": "signal",
+    "gnss/clock": "clock",
+    "gnss/observation": "observation",
+    "gnss/navdata": "observation",
+    "gnss/integrity": "receiver",
+    "ins/pva": "ins",
+}
+"""What a kind is an input of; others are inputs of their own."""
+
+
+def inputs_of(kinds: Iterable[str]) -> tuple[str, ...]:
+    """Return what these kinds are inputs of, ``gnss`` first, each once."""
+    named = {_INPUTS.get(kind, kind) for kind in kinds}
+    order = list(dict.fromkeys(_INPUTS.values()))
+    return tuple(
+        sorted(
+            named,
+            key=lambda name: (name not in order, order.index(name) if name in order else 0, name),
+        )
+    )
+
+
+def input_class(kinds: Iterable[str]) -> str:
+    """Return the class of a detector that looks at these kinds, such as ``gnss+imu``: within it
+    detectors are ranked.
+    """
+    return "+".join(inputs_of(kinds))
 
 
 def is_baseline(detector: Detector) -> bool:
@@ -212,15 +245,18 @@ def detect(
     missing = [kind for kind in detector.requires if kind not in blind.kinds]
     if missing:
         raise RecordingError(f"the detector requires {missing[0]!r}, which the recording lacks")
-    decisions = detector.detect(
-        _declared(blind, {*detector.requires, *(set(detector.uses) - withheld)})
-    )
+    decisions = detector.detect(seen(blind, declared(detector) - withheld))
     if not isinstance(decisions, Decisions):
         raise PluginError(f"a detector must return Decisions, not {type(decisions).__name__}")
     return decisions
 
 
-def _declared(blind: Recording, kinds: set[str]) -> Recording:
+def declared(detector: Detector) -> frozenset[str]:
+    """Return the kinds that a detector requires or uses."""
+    return frozenset({*detector.requires, *detector.uses})
+
+
+def seen(blind: Recording, kinds: Set[str]) -> Recording:
     """Return the tables of these kinds, and what the metadata say of them and their sources."""
     topics = [topic for topic in blind if split_topic(topic)[1] in kinds]
     present = {split_topic(topic)[1] for topic in topics}

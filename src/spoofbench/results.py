@@ -2,14 +2,20 @@
 
 ::
 
-    run.json                    versions, input digests, machine
-    tasks.parquet               one row per task: see Task
-    decisions/<task>.parquet    time_ns, score, available; its metadata says status and reason
-    truth/<variant>.parquet     the scoring grid of a variant, one row per epoch: see Truth; its
-                                metadata says the nominal interval and the attack intervals
-    scores.parquet              one row per task: see spoofbench.scoring.score
-    events.parquet              one row per task and attack interval: see there too
-    costs.parquet               time and memory: the only file that may differ between equal runs
+    run.json                         the suite, versions, input digests, machine
+    tasks.parquet                    one row per task: see Task
+    decisions/<recording>.parquet    time_ns, score, available: see spoofbench.decisions
+    truth/<variant>.parquet          the scoring grid of a variant, one row per epoch: see Truth;
+                                     its metadata says the nominal interval, the attack intervals
+                                     and the kinds that the variant has
+    states/<fit>.pickle              what fitted detectors have learned
+    calibration.parquet              thresholds: see spoofbench.scoring.operating
+    curves.parquet                   operating curves: see there too
+    scores.parquet                   one row per task and operating point: see
+                                     spoofbench.scoring.score
+    events.parquet                   one row per task, operating point and attack interval
+    costs.parquet                    time and memory: the only file that may differ between equal
+                                     runs
 
 Decisions and truth never change once they are written. Every file is there whole or not at all,
 and equal content gives equal bytes. Unknown is null.
@@ -30,7 +36,7 @@ import pyarrow.parquet as pq
 
 from spoofbench.arrays import Bools, Floats, Times
 from spoofbench.detector import Decisions
-from spoofbench.errors import PluginError, RecordingError, ResultsError
+from spoofbench.errors import RecordingError, ResultsError
 from spoofbench.recording import Interval
 
 Status = Literal["ok", "skipped", "not_modelled", "failed", "timeout", "out_of_memory"]
@@ -38,46 +44,96 @@ FAILURES: frozenset[Status] = frozenset({"failed", "timeout", "out_of_memory"})
 """Statuses that count as misses; ``skipped`` and ``not_modelled`` are null."""
 
 
+Provenance = Literal["real attack", "injected", "simulated"]
+"""Of an attack: as it happened, ours on a real recording, or on a simulated one."""
+
+Role = Literal["judged", "calibration", "family left out"]
+
+
 @dataclass(frozen=True, slots=True)
 class Task:
     """One row of ``tasks.parquet``: one detector on one variant of a recording.
 
     Attributes:
-        task_id, variant_id: digests of what decides the result; the names of its files.
-        recording, session: as in the suite.
-        attack, attack_parameters, seed: None for an unattacked task; parameters as JSON text.
-        window_start_ns, window_end_ns: where the attack was to be; None as above.
+        task_id, variant_id: digests of what decides the result.
+        role: ``judged``; ``calibration`` where it exists for thresholds alone; ``family left out``
+            where the detector has learned from other attacks than the one it is judged on.
+        recording, session, sensor_class: as in the suite.
+        provenance: of the attacks on the recording.
+        is_fused: whether the primary position is fused with inertial sensors.
+        kinds: what a detector can see of the variant, as JSON text; None where it was not made.
+        attack, attack_group, attack_plugin, attack_parameters, strength: None for an unattacked
+            task; parameters as JSON text; attacks of one group are one at several strengths. Of a
+            really attacked recording, ``attack`` is ``as recorded``.
+        window, window_start_ns, window_end_ns: where the attack was to be; None as above.
+        calibration_start_ns, calibration_end_ns: the part of an unattacked recording that sets
+            thresholds; None where none does.
+        judged_start_ns: from when on the recording is judged; None where it is not.
+        held_out: sessions that thresholds and states must not have seen, as JSON text.
+        left_out: plugin of the attacks that the state has not seen; None but for ``family left
+            out`` and what calibrates that.
+        fit_id: names the state of a fitted detector; None of one that is not.
         detector: name in the suite.
         plugin, plugin_distribution, plugin_version, parameters: what the detector is.
+        parameter_sources: where those that are not defaults come from, as JSON text by name.
+        input_class: what it looks at, such as ``gnss+imu``.
         requires: kinds without which it cannot run, as JSON text.
         memory_s: how long an alert may outlast its cause.
+        warm_up_s: how much input it needs before its first decision.
+        learns_from_attacks: whether it does.
         baseline: whether the detector says that it is one that others must beat.
-        hold_s: how long a decision stands; None for the default of the scoring grid.
-        target_far_per_hour: the false-alert rate that detectors are to keep.
+        hold_s: how long a decision stands; None for its own rate.
         status, reason: what became of it, and why where that is not ``ok``.
     """
 
     task_id: str
     variant_id: str
+    role: Role
     recording: str
     session: str
+    sensor_class: str
+    provenance: Provenance
+    is_fused: bool
+    kinds: str | None
     attack: str | None
+    attack_group: str | None
+    attack_plugin: str | None
     attack_parameters: str | None
+    strength: float | None
+    window: int | None
     window_start_ns: int | None
     window_end_ns: int | None
-    seed: int | None
+    calibration_start_ns: int | None
+    calibration_end_ns: int | None
+    judged_start_ns: int | None
+    held_out: str
+    left_out: str | None
+    fit_id: str | None
     detector: str
     plugin: str
     plugin_distribution: str
     plugin_version: str
     parameters: str
+    parameter_sources: str
+    input_class: str
     requires: str
     memory_s: float
+    warm_up_s: float
+    learns_from_attacks: bool
     baseline: bool
     hold_s: float | None
-    target_far_per_hour: float
     status: Status
     reason: str | None
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether false alerts or detections of it count."""
+        return self.judged_start_ns is not None and self.role != "calibration"
+
+    @property
+    def calibrates(self) -> bool:
+        """Whether its clean decisions set thresholds."""
+        return self.calibration_start_ns is not None and self.attack is None
 
 
 _TASK_TYPES: dict[Any, Any] = {
@@ -138,51 +194,6 @@ class TaskOutcome:
     decisions: Decisions | None
 
 
-_DECISION_SCHEMA = pa.schema(
-    [("time_ns", pa.int64()), ("score", pa.float64()), ("available", pa.bool_())]
-)
-
-
-def write_outcome(folder: Path, task_id: str, outcome: TaskOutcome) -> None:
-    """Write one task's outcome, whole or not at all."""
-    made = outcome.decisions
-    columns: list[Any] = (
-        [[], [], []] if made is None else [made.time_ns, made.score, made.available]
-    )
-    metadata = {"status": outcome.status, "reason": outcome.reason or ""}
-    write_parquet(
-        folder / "decisions" / f"{task_id}.parquet",
-        pa.table(columns, _DECISION_SCHEMA.with_metadata(metadata)),
-    )
-
-
-def read_outcome(folder: Path, task_id: str) -> TaskOutcome | None:
-    """Return one task's outcome, None where there is none yet.
-
-    Raises:
-        ResultsError: the file is damaged.
-    """
-    path = folder / "decisions" / f"{task_id}.parquet"
-    if not path.exists():
-        return None
-    table = read_parquet(path)
-    metadata = {
-        key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()
-    }
-    status: Any = metadata.get("status")
-    if status not in get_args(Status):
-        raise ResultsError(f"{path} has no status; delete it and resume the run")
-    decisions = None
-    if status == "ok":
-        try:
-            decisions = Decisions(*_columns(path, table, _DECISION_SCHEMA).values())
-        except PluginError as error:
-            raise ResultsError(
-                f"{path} is damaged: {error}; delete it and resume the run"
-            ) from error
-    return TaskOutcome(status, metadata.get("reason") or None, decisions)
-
-
 _TRUTH_TYPES: dict[Any, Any] = {Times: pa.int64(), Bools: pa.bool_(), Floats: pa.float64()}
 _TRUTH_SCHEMA = pa.schema(
     [
@@ -193,24 +204,45 @@ _TRUTH_SCHEMA = pa.schema(
 )
 
 
-def write_truth(folder: Path, variant_id: str, truth: Truth) -> None:
-    """Write one variant's scoring grid and intervals."""
+def write_truth(folder: Path, variant_id: str, truth: Truth, kinds: Sequence[str] = ()) -> None:
+    """Write one variant's scoring grid and intervals, and the kinds that a detector can see."""
     columns = {name: getattr(truth, name) for name in _TRUTH_SCHEMA.names}
     metadata = {
         "epoch_ns": str(truth.epoch_ns),
+        "kinds": json.dumps(list(kinds)),
         "intervals": json.dumps(
             [[interval.start_ns, interval.end_ns] for interval in truth.intervals]
         ),
     }
     write_parquet(
-        folder / "truth" / f"{variant_id}.parquet",
+        _truth_file(folder, variant_id),
         pa.table(columns).replace_schema_metadata(metadata),
     )
 
 
 def has_truth(folder: Path, variant_id: str) -> bool:
     """Whether a variant has a scoring grid; one that could not be made has none."""
-    return (folder / "truth" / f"{variant_id}.parquet").exists()
+    return _truth_file(folder, variant_id).exists()
+
+
+def read_kinds(folder: Path, variant_id: str) -> list[str] | None:
+    """Return the kinds that a detector can see of a variant; None where it could not be made.
+
+    Raises:
+        ResultsError: the file of its truth is damaged.
+    """
+    path = _truth_file(folder, variant_id)
+    if not path.exists():
+        return None
+    try:
+        kinds: list[str] = json.loads((pq.read_schema(path).metadata or {})[b"kinds"])
+    except (OSError, pa.ArrowException, KeyError, ValueError) as error:
+        raise ResultsError(f"{path} cannot be read: {error}; run the suite again") from error
+    return kinds
+
+
+def _truth_file(folder: Path, variant_id: str) -> Path:
+    return folder / "truth" / f"{variant_id}.parquet"
 
 
 def read_truth(folder: Path, variant_id: str) -> Truth:
@@ -219,9 +251,9 @@ def read_truth(folder: Path, variant_id: str) -> Truth:
     Raises:
         ResultsError: the file is missing or damaged.
     """
-    path = folder / "truth" / f"{variant_id}.parquet"
+    path = _truth_file(folder, variant_id)
     table = read_parquet(path)
-    columns = _columns(path, table, _TRUTH_SCHEMA)
+    columns = columns_of(path, table, _TRUTH_SCHEMA)
     metadata = table.schema.metadata or {}
     try:
         pairs = json.loads(metadata[b"intervals"]) or np.empty((0, 2), np.int64)
@@ -359,7 +391,7 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         raise
 
 
-def _columns(path: Path, table: pa.Table, schema: pa.Schema) -> dict[str, Any]:
+def columns_of(path: Path, table: pa.Table, schema: pa.Schema) -> dict[str, Any]:
     """Return columns of these types, without nulls, as arrays."""
     for column in schema:
         name = column.name

@@ -112,6 +112,40 @@ def draw_window(
     return Interval(start_ns, start_ns + duration_ns)
 
 
+def draw_windows(
+    suite_seed: int,
+    recording: str,
+    within: Interval,
+    duration_s: float,
+    gap_s: float,
+    count: int | None = None,
+) -> tuple[Interval, ...]:
+    """Draw disjoint windows with a gap after each, in the order of time, by SHA-256 of the suite's
+    seed and the recording's name.
+
+    Args:
+        suite_seed, recording: what they are drawn by.
+        within: where they may lie; the gap of the last one may lie beyond.
+        duration_s: of each.
+        gap_s: least time from the end of one to the start of the next.
+        count: how many; None, or more than fit, for as many as fit.
+    """
+    duration_ns, gap_ns = round(duration_s * 1e9), round(gap_s * 1e9)
+    room_ns = within.end_ns - within.start_ns
+    fit = max(0, (room_ns + gap_ns) // (duration_ns + gap_ns))
+    n = fit if count is None else min(count, fit)
+    slack_ns = room_ns - n * duration_ns - (n - 1) * gap_ns
+    # sorted draws from the slack, spread by what stands before each: uniform over all placements
+    offsets_ns = sorted(
+        _hash([suite_seed, recording, number]) % (slack_ns + 1) for number in range(n)
+    )
+    starts_ns = (
+        within.start_ns + offset_ns + number * (duration_ns + gap_ns)
+        for number, offset_ns in enumerate(offsets_ns)
+    )
+    return tuple(Interval(start_ns, start_ns + duration_ns) for start_ns in starts_ns)
+
+
 def choose_window(
     attack: Attack,
     clean: Recording,

@@ -12,7 +12,7 @@ import os
 import platform
 import shutil
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict
 from functools import partial
@@ -22,11 +22,19 @@ from typing import Any
 
 import spoofbench
 from spoofbench import plugins
-from spoofbench.errors import ResultsError
-from spoofbench.results import write_run, write_tasks
+from spoofbench.errors import ResultsError, SuiteError
+from spoofbench.results import TaskOutcome, write_run
 from spoofbench.runner import identity
-from spoofbench.runner.execution import RecordingRun, Run, describe, preload
-from spoofbench.runner.plan import ConfiguredPlugin
+from spoofbench.runner.execution import RecordingRun, Run, describe, fit, preload
+from spoofbench.runner.plan import (
+    ConfiguredPlugin,
+    Failure,
+    PlannedFit,
+    PlannedTask,
+    PlannedVariant,
+    RecordingInfo,
+    plan,
+)
 from spoofbench.runner.store import ResultStore, check_folder
 from spoofbench.sandbox import Sandbox, SandboxLost
 from spoofbench.scoring.score import score_folder
@@ -55,7 +63,8 @@ def run(
         progress: gets the share of tasks that are done, from several threads, one at a time.
 
     Raises:
-        SuiteError, PluginError: the suite asks for a plugin or parameter that does not exist.
+        SuiteError, PluginError: the suite asks for a plugin or parameter that does not exist, or
+            for a recording that cannot be read.
         ResultsError: the folder has results of another run, or the server of the workers was
             killed.
     """
@@ -63,56 +72,160 @@ def run(
     for group, entries in asked:
         for entry in entries:
             plugins.find(group, entry.plugin)
+    for recording in suite.recordings:
+        if not recording.path.exists():
+            raise SuiteError(
+                f"suite {suite.name!r}: there is no file {str(recording.path)!r} for the recording "
+                f"{recording.id!r}"
+            )
     check_folder(folder, suite.name, resume=resume)
-    width = max(1, workers or os.cpu_count() or 1)
-    total = len(suite.detectors) * sum(
-        1 + len(suite.seeds) * len(suite.attacks_on(entry.id)) for entry in suite.recordings
-    )
     try:
+        width = workers or os.cpu_count() or 1
         with ThreadPoolExecutor(width) as pool, Sandbox(preload) as sandbox:
             attacks, detectors = (
                 list(pool.map(partial(describe, sandbox, suite, group), entries))
                 for group, entries in asked
             )
-            store = ResultStore(
-                folder, suite.name, total, retry_failed=retry_failed, progress=progress
-            )
-            recordings = [RecordingRun(sandbox, suite, entry, store) for entry in suite.recordings]
-            _execute(pool, recordings, width, attacks, detectors)
+            under_way = _Run(pool, width, sandbox, suite, attacks, detectors)
+            infos = under_way.survey()
+            store = ResultStore(folder, suite.name, retry_failed=retry_failed, progress=progress)
+            under_way.run(infos, store)
     except SandboxLost as error:
         raise ResultsError(f"{error}; run again with --resume to do what is missing") from error
-    tasks = [task for recording in recordings for task in recording.tasks]
-    store.sweep(tasks)
-    write_tasks(
-        folder, [task.row(suite.target_far_per_hour, *store.found[task.id]) for task in tasks]
-    )
-    store.write_costs(task.id for task in tasks)
-    inputs = {recording.recording.id: recording.info.digest for recording in recordings}
-    write_run(folder, _about(suite, inputs, [*attacks, *detectors]))
     score_folder(folder)
 
 
-def _execute(
-    pool: ThreadPoolExecutor,
-    recordings: Sequence[RecordingRun],
-    width: int,
-    attacks: Sequence[ConfiguredPlugin],
-    detectors: Sequence[ConfiguredPlugin],
-) -> None:
-    """Prepare recordings and run detectors on them, as many at a time as there are workers;
-    material goes with the last run on it.
+class _Run:
+    """A run under way: recordings are surveyed, tasks planned, variants made and run; detectors
+    that learn are fitted and run when all material is there.
     """
-    waiting, futures = deque(recordings), dict[Future[list[Run]], RecordingRun]()
-    while waiting or futures:
-        while waiting and len(set(futures.values())) < width:
-            recording = waiting.popleft()
-            futures[pool.submit(recording.prepare, attacks, detectors)] = recording
-        done, _ = wait(futures, return_when=FIRST_COMPLETED)
-        for future in done:
-            recording = futures.pop(future)
-            futures |= {pool.submit(run): recording for run in future.result()}
-            if Counter(futures.values())[recording] == 0:
-                shutil.rmtree(recording.material, ignore_errors=True)
+
+    def __init__(
+        self,
+        pool: ThreadPoolExecutor,
+        width: int,
+        sandbox: Sandbox,
+        suite: Suite,
+        attacks: Sequence[ConfiguredPlugin],
+        detectors: Sequence[ConfiguredPlugin],
+    ) -> None:
+        self.pool, self.width, self.sandbox, self.suite = pool, width, sandbox, suite
+        self.attacks, self.detectors = attacks, detectors
+        self.store: ResultStore
+        self.recordings = {
+            entry.id: RecordingRun(sandbox, suite, entry, attacks) for entry in suite.recordings
+        }
+
+    def run(self, infos: dict[str, RecordingInfo], store: ResultStore) -> None:
+        self.store = store
+        tasks = plan(self.suite, infos, self.attacks, self.detectors)
+        missing = self.store.missing(tasks)
+        fits = {task.fit.id: task.fit for task in missing if task.fit}
+        teaching = {
+            each.variant.id: each.variant
+            for fit in fits.values()
+            for each in (*fit.clean, *fit.attacked)
+        }
+        waiting = self._prepare_and_run(missing, list(teaching.values()))
+        failed = self._fit(fits.values())
+        ready: dict[str, list[PlannedTask]] = {}
+        for task in waiting:
+            failure = failed.get(task.fit.id) if task.fit else None
+            if failure:
+                self.store.done(task, TaskOutcome(*failure, None))
+            else:
+                ready.setdefault(task.variant.recording.id, []).append(task)
+        self._drain(
+            {
+                self.pool.submit(run)
+                for name, own in ready.items()
+                for run in self.recordings[name].runs(own, self.store)
+            }
+        )
+        self.store.finish(tasks, infos)
+        inputs = {name: info.digest for name, info in infos.items()}
+        write_run(self.store.folder, _about(self.suite, inputs, [*self.attacks, *self.detectors]))
+
+    def survey(self) -> dict[str, RecordingInfo]:
+        """Return what is in each recording.
+
+        Raises:
+            SuiteError: one cannot be read.
+        """
+        suite = self.suite
+        warm_up_s = suite.warm_up_s
+        if warm_up_s is None:
+            warm_up_s = max(detector.warm_up_s for detector in self.detectors)
+
+        def survey(recording: RecordingRun) -> None:
+            until_s = suite.calibration.until_s if suite.calibration else None
+            is_cut = until_s is not None and suite.is_calibrated(recording.recording)
+            recording.survey(max(warm_up_s, until_s or 0.0) if is_cut else warm_up_s)
+
+        list(self.pool.map(survey, self.recordings.values()))
+        for name, recording in self.recordings.items():
+            if recording.info.failure:
+                reason = recording.info.failure[1]
+                raise SuiteError(
+                    f"suite {suite.name!r}, recording {name!r} cannot be read: {reason}"
+                )
+        return {name: recording.info for name, recording in self.recordings.items()}
+
+    def _prepare_and_run(
+        self, tasks: Sequence[PlannedTask], teaching: Sequence[PlannedVariant]
+    ) -> list[PlannedTask]:
+        """Prepare recordings, as many at a time as there are workers, and run what needs no fit;
+        return the tasks that wait for one. Material that nothing waits for goes with the last run.
+        """
+        own: dict[str, list[PlannedTask]] = {name: [] for name in self.recordings}
+        for task in tasks:
+            own[task.variant.recording.id].append(task)
+        waiting: list[PlannedTask] = []
+        queue = deque(name for name, missing in own.items() if missing or teaching)
+        futures = dict[Future[list[Run]], str]()
+
+        def prepare(name: str) -> list[Run]:
+            recording = self.recordings[name]
+            variants = [variant for variant in teaching if variant.recording.id == name]
+            runnable = recording.prepare(own[name], variants, self.store)
+            waiting.extend(task for task in runnable if task.fit)
+            return recording.runs([task for task in runnable if not task.fit], self.store)
+
+        while queue or futures:
+            while queue and len(set(futures.values())) < self.width:
+                name = queue.popleft()
+                futures[self.pool.submit(prepare, name)] = name
+            done, _ = wait(futures, return_when=FIRST_COMPLETED)
+            for future in done:
+                name = futures.pop(future)
+                futures |= {self.pool.submit(run): name for run in future.result()}
+                if not teaching and Counter(futures.values())[name] == 0:
+                    shutil.rmtree(self.recordings[name].material, ignore_errors=True)
+        order = {task.id: number for number, task in enumerate(tasks)}
+        return sorted(waiting, key=lambda task: order[task.id])
+
+    def _fit(self, fits: Iterable[PlannedFit]) -> dict[str, Failure]:
+        """Fit detectors; return why there is no state, by fit."""
+        material = {name: recording.material for name, recording in self.recordings.items()}
+        missing = [each for each in fits if not self.store.has_state(each.id)]
+
+        def do(planned: PlannedFit) -> Failure | None:
+            outcome = fit(self.sandbox, self.suite, planned, material, self.store.folder)
+            self.store.fitted(planned, outcome)
+            return None if outcome.status == "ok" else (outcome.status, outcome.reason or "")
+
+        results = self.pool.map(do, missing)
+        return {
+            planned.id: failure
+            for planned, failure in zip(missing, results, strict=True)
+            if failure is not None
+        }
+
+    def _drain(self, futures: set[Future[list[Run]]]) -> None:
+        """Wait for runs, and for those that they return."""
+        while futures:
+            done, futures = wait(futures, return_when=FIRST_COMPLETED)
+            futures |= {self.pool.submit(run) for future in done for run in future.result()}
 
 
 def _about(
@@ -133,5 +246,4 @@ def _about(
         },
         "plugins": {str(entry.plugin): entry.code for entry in used},
         "machine": {"platform": platform.platform(), "processors": os.cpu_count()},
-        "thresholds": "published",
     }

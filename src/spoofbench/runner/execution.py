@@ -4,8 +4,7 @@ Each function that runs in a worker stands before the one that hears it. The mai
 a plugin's code, never holds a recording, and checks anew what a detector's worker sends.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,20 +15,29 @@ from spoofbench import plugins
 from spoofbench.detector import Decisions
 from spoofbench.errors import PluginError, SuiteError
 from spoofbench.recording import Interval
-from spoofbench.results import Status, TaskOutcome
+from spoofbench.results import Status, TaskOutcome, has_truth, read_truth
 from spoofbench.runner import identity, jobs
-from spoofbench.runner.jobs import DescriptionJob, DetectorJob, RecordingJob, VariantJob
+from spoofbench.runner.jobs import (
+    DescriptionJob,
+    DetectorJob,
+    FitJob,
+    RecordingJob,
+    TeachingMaterial,
+    VariantJob,
+)
 from spoofbench.runner.plan import (
     ConfiguredPlugin,
     Failure,
+    Material,
+    PlannedFit,
     PlannedTask,
     PlannedVariant,
     RecordingInfo,
     lacking,
-    plan,
 )
-from spoofbench.runner.store import Cost, ResultStore
+from spoofbench.runner.store import Cost, FitOutcome, ResultStore
 from spoofbench.sandbox import Sandbox, Worker, WorkerChannel, WorkerDied, WorkerTimedOut
+from spoofbench.scoring.grid import GUARD_S
 from spoofbench.suite import RATE_PARAMETER, AttackEntry, DetectorEntry, RecordingEntry, Suite
 
 _PREPARING = 10.0
@@ -37,6 +45,10 @@ _PREPARING = 10.0
 a detector's fault.
 """
 
+_FITTING = 60.0
+"""Fitting a detector may take so many times a task's time: it sees all recordings but one."""
+
+_MAX_STATE_BYTES = 1 << 30
 _DECISION_BYTES = 17
 
 Run = Callable[[], "list[Run]"]
@@ -80,106 +92,163 @@ def describe(
     if about["status"] != "ok":
         failure: Failure = ("failed", about["reason"])
         return ConfiguredPlugin(entry, plugin, given, given, code, failure=failure)
-    if target is not None and RATE_PARAMETER in about["parameters"]:
-        given.setdefault(RATE_PARAMETER, target)
-    kinds = {name: tuple(about.get(name, ())) for name in ("requires", "uses", "models")}
+    if isinstance(entry, AttackEntry):
+        models, strength = tuple(about["models"]), about["strength"]
+        return ConfiguredPlugin(
+            entry, plugin, given, about["parameters"], code, models=models, strength=strength
+        )
     return ConfiguredPlugin(
         entry,
         plugin,
-        given,
+        {RATE_PARAMETER: target, **given} if RATE_PARAMETER in about["parameters"] else given,
         about["parameters"],
         code,
-        memory_s=about.get("memory_s", 0.0),
-        baseline=about.get("baseline", False),
-        **kinds,
+        sources=_sources(suite, entry, about["changed"]),
+        requires=tuple(about["requires"]),
+        uses=tuple(about["uses"]),
+        memory_s=about["memory_s"],
+        warm_up_s=about["warm_up_s"],
+        baseline=about["baseline"],
+        is_fitted=entry.fit and about["is_trainable"],
+        learns_from_attacks=about["learns_from_attacks"],
     )
 
 
-def _prepare(channel: WorkerChannel, job: RecordingJob, results: Path, material: Path) -> None:
+def _sources(suite: Suite, entry: DetectorEntry, changed: Iterable[str]) -> dict[str, str]:
+    """Return where the parameters come from that are not the plugin's defaults.
+
+    Raises:
+        SuiteError: the suite does not say.
+    """
+    sources = {}
+    for name in changed:
+        source = entry.source_of(name)
+        if source is None and name in entry.parameters:
+            raise SuiteError(
+                f"suite {suite.name!r}, {entry.id!r}: {name} is not the plugin's default and the "
+                "suite does not say where it comes from; add source = 'published', 'data sheet', "
+                "'by hand' or 'session ID', or leave it out"
+            )
+        sources[name] = source or "the suite's target"
+    return sources
+
+
+def _survey(channel: WorkerChannel, job: RecordingJob) -> None:
     for record in jobs.survey_recording(job):
         channel.send(**record)
-    variants = [VariantJob(**variant) for variant in channel.receive()["variants"]]
+
+
+def _make(
+    channel: WorkerChannel,
+    job: RecordingJob,
+    variants: Sequence[VariantJob],
+    results: Path,
+    material: Path,
+) -> None:
     for record in jobs.make_variants(job, variants, results, material):
         channel.send(**record)
 
 
 class RecordingRun:
-    """One recording of a run; when it is prepared, :attr:`tasks` is its plan and :attr:`info` what
-    was read.
-    """
+    """One recording of a run; :attr:`info` is what was read of it."""
 
     def __init__(
-        self, sandbox: Sandbox, suite: Suite, recording: RecordingEntry, store: ResultStore
+        self,
+        sandbox: Sandbox,
+        suite: Suite,
+        recording: RecordingEntry,
+        attacks: Sequence[ConfiguredPlugin],
     ) -> None:
-        self.sandbox, self.suite, self.recording, self.store = sandbox, suite, recording, store
+        self.sandbox, self.suite, self.recording = sandbox, suite, recording
         self.material = sandbox.folder / str(suite.recordings.index(recording))
+        on_this = suite.attacks_on(recording.id)
+        self.attacks = [attack for attack in attacks if attack.entry in on_this]
         self.info = RecordingInfo(None)
-        self.tasks: list[PlannedTask] = []
 
-    def prepare(
-        self, attacks: Sequence[ConfiguredPlugin], detectors: Sequence[ConfiguredPlugin]
-    ) -> list[Run]:
-        """Plan the tasks, make the variants that missing ones need, and write the outcome of those
-        that cannot run; return what runs the others: one detector on all its variants.
-        """
-        on_this = self.suite.attacks_on(self.recording.id)
-        attacks = [attack for attack in attacks if attack.entry in on_this]
-        worker, self.info = self._survey(attacks)
-        with worker:
-            self.tasks = plan(self.suite, self.recording, self.info, attacks, detectors)
-            missing = self.store.missing(self.tasks)
-            wanted = {task.variant.id: task.variant for task in missing if not task.variant.failure}
-            made = self._make(worker, list(wanted.values()))
-        while left := [variant for name, variant in wanted.items() if name not in made]:
-            worker, again = self._survey(attacks)
-            with worker:
-                made |= (
-                    {variant.id: again.failure for variant in left}
-                    if again.failure
-                    else self._make(worker, left)
-                )
-        runnable = self._settle(missing, made)
-        runs: list[Run] = []
-        for detector in detectors:
-            own = [task for task in runnable if task.detector is detector]
-            own.sort(key=lambda task: task.variant.number)
-            if own:
-                run = DetectorRun(self.sandbox, self.suite, detector, self.material, self.store)
-                runs.append(partial(run.run, own))
-        return runs
+    def survey(self, first_s: float) -> None:
+        """Find out what is in the recording; attacks that a worker does not survive are unfit.
 
-    def _survey(self, attacks: Sequence[ConfiguredPlugin]) -> tuple[Worker, RecordingInfo]:
-        """Return a worker that has read the recording, and what it found; attacks that a worker
-        does not survive are unfit.
+        Args:
+            first_s: how long after its first row windows may begin.
         """
         fatal: dict[str, Failure] = {}
         while True:
-            usable = [a for a in attacks if not a.failure and a.entry.id not in fatal]
-            job, results = self._job(usable), self.store.folder.absolute()
-            worker = self.sandbox.start(_prepare, job, results, self.material)
+            usable = [a for a in self.attacks if not a.failure and a.entry.id not in fatal]
             asked = None
-            try:
-                while (read := self._next(worker))["status"] == "asking":
-                    asked = read["attack"]
-            except (WorkerDied, WorkerTimedOut) as error:
-                worker.end()
-                if asked is None:
-                    failure: Failure = ("failed", f"reading the recording: {error}")
-                    return worker, RecordingInfo(None, failure=failure)
-                fatal[asked] = ("failed", f"asking what the attack can supply: {error}")
-                continue
+            with self.sandbox.start(_survey, self._job(usable, first_s)) as worker:
+                try:
+                    while (read := self._next(worker))["status"] == "asking":
+                        asked = read["attack"]
+                except (WorkerDied, WorkerTimedOut) as error:
+                    if asked is None:
+                        reason = f"reading the recording: {error}"
+                        self.info = RecordingInfo(None, failure=("failed", reason))
+                        return
+                    fatal[asked] = ("failed", f"asking what the attack can supply: {error}")
+                    continue
             if read["status"] != "ok":
-                return worker, RecordingInfo(None, failure=("failed", read["reason"]))
-            windows = {
-                int(seed): window and Interval(*window) for seed, window in read["windows"].items()
-            }
+                self.info = RecordingInfo(None, failure=("failed", read["reason"]))
+                return
             unfit: dict[str, Failure] = {
                 name: (status, reason) for name, (status, reason) in read["unfit"].items()
             }
-            donors, kinds = tuple(read["donors"]), frozenset(read["kinds"])
-            return worker, RecordingInfo(read["digest"], donors, kinds, windows, fatal | unfit)
+            self.info = RecordingInfo(
+                digest=read["digest"],
+                donors=tuple(read["donors"]),
+                kinds=frozenset(read["kinds"]),
+                span=Interval(*read["span"]),
+                is_fused=read["is_fused"],
+                is_really_attacked=read["is_really_attacked"],
+                windows=tuple(Interval(*window) for window in read["windows"]),
+                unfit=fatal | unfit,
+            )
+            return
 
-    def _job(self, attacks: Sequence[ConfiguredPlugin]) -> RecordingJob:
+    def prepare(
+        self,
+        tasks: Sequence[PlannedTask],
+        variants: Iterable[PlannedVariant],
+        store: ResultStore,
+    ) -> list[PlannedTask]:
+        """Make the variants that tasks need, and further ones; write the outcome of tasks that
+        cannot run, and return the others.
+        """
+        wanted = {task.variant.id: task.variant for task in tasks if not task.failure}
+        wanted |= {variant.id: variant for variant in variants if not variant.failure}
+        made: dict[str, frozenset[str] | Failure] = {}
+        while left := [variant for name, variant in wanted.items() if name not in made]:
+            made |= self._made(left, store.folder.absolute())
+        runnable = []
+        for task in tasks:
+            failure = task.failure
+            if failure is None:
+                kinds = made[task.variant.id]
+                failure = (
+                    lacking(task.detector, self.info, kinds)
+                    if isinstance(kinds, frozenset)
+                    else kinds
+                )
+            if failure is None:
+                runnable.append(task)
+            else:
+                store.done(task, TaskOutcome(*failure, None))
+        return runnable
+
+    def runs(self, tasks: Sequence[PlannedTask], store: ResultStore) -> list[Run]:
+        """Return what runs tasks: one detector, as it was fitted, on all its variants."""
+        groups: dict[tuple[str, str], list[PlannedTask]] = {}
+        for task in tasks:
+            key = task.detector.entry.id, task.fit.id if task.fit else ""
+            groups.setdefault(key, []).append(task)
+        return [
+            partial(
+                DetectorRun(self.sandbox, self.suite, self.material, store).run,
+                sorted(group, key=lambda task: task.variant.number),
+            )
+            for group in groups.values()
+        ]
+
+    def _job(self, attacks: Sequence[ConfiguredPlugin], first_s: float = 0.0) -> RecordingJob:
         paths = {entry.id: str(entry.path.absolute()) for entry in self.suite.recordings}
         return RecordingJob(
             recording=self.recording.id,
@@ -193,60 +262,103 @@ class RecordingRun:
                 }
                 for attack in attacks
             ],
-            seeds=self.suite.seeds,
-            suite_seed=self.suite.seed,
-            warm_up_s=self.suite.warm_up_s,
+            seed=self.suite.seed,
+            first_s=first_s,
             duration_s=self.suite.duration_s,
+            gap_s=max(GUARD_S, self.suite.memory_cap_s),
+            windows=self.suite.windows,
             memory_mb=self.suite.limits.memory_mb,
         )
 
     def _next(self, worker: Worker) -> dict[str, Any]:
         return worker.receive(_PREPARING * self.suite.limits.time_s)
 
-    def _make(
-        self, worker: Worker, variants: Sequence[PlannedVariant]
+    def _made(
+        self, variants: Sequence[PlannedVariant], results: Path
     ) -> dict[str, frozenset[str] | Failure]:
         """Have variants made; return the kinds of each, or why there is none, up to one that the
         worker did not survive.
         """
         made: dict[str, frozenset[str] | Failure] = {}
-        if not variants:
-            return made
-        worker.send(variants=[asdict(_variant_job(variant)) for variant in variants])
-        for variant in variants:
-            try:
-                record = self._next(worker)
-            except (WorkerDied, WorkerTimedOut) as error:
-                made[variant.id] = ("failed", f"making the variant: {error}")
-                break
-            made[variant.id] = (
-                frozenset(record["kinds"])
-                if record["status"] == "ok"
-                else (record["status"], record["reason"])
-            )
-            if record.get("id") != variant.id:
-                break
+        attacks = [attack for attack in self.attacks if not attack.failure]
+        arguments = self._job(attacks), [_variant_job(variant) for variant in variants]
+        with self.sandbox.start(_make, *arguments, results, self.material) as worker:
+            for variant in variants:
+                try:
+                    record = self._next(worker)
+                except (WorkerDied, WorkerTimedOut) as error:
+                    made[variant.id] = ("failed", f"making the variant: {error}")
+                    break
+                made[variant.id] = (
+                    frozenset(record["kinds"])
+                    if record["status"] == "ok"
+                    else (record["status"], record["reason"])
+                )
+                if record.get("id") != variant.id:
+                    break
         return made
 
-    def _settle(
-        self, missing: Iterable[PlannedTask], made: dict[str, frozenset[str] | Failure]
-    ) -> list[PlannedTask]:
-        """Write the outcome of tasks that cannot run; return the others."""
-        runnable = []
-        for task in missing:
-            failure = task.variant.failure or task.detector.failure
-            kinds = frozenset() if failure else made[task.variant.id]
-            if failure is None:
-                failure = (
-                    lacking(task.detector, self.info, kinds)
-                    if isinstance(kinds, frozenset)
-                    else kinds
-                )
-            if failure is None:
-                runnable.append(task)
-            else:
-                self.store.done(task, TaskOutcome(*failure, None))
-        return runnable
+
+def _fit(channel: WorkerChannel, job: FitJob) -> None:
+    record, state = jobs.fit_detector(job)
+    channel.send(**record, size=len(state))
+    channel.send_bytes(state)
+
+
+def fit(
+    sandbox: Sandbox, suite: Suite, planned: PlannedFit, material: Mapping[str, Path], folder: Path
+) -> FitOutcome:
+    """Fit a detector in a worker.
+
+    Args:
+        sandbox, suite: of the run.
+        planned: what to fit on what.
+        material: folder of each recording's blind material, by id.
+        folder: the results, which know when variants are attacked.
+    """
+
+    def teaching(each: Material, *, is_attacked: bool) -> TeachingMaterial:
+        variant = each.variant
+        intervals = read_truth(folder, variant.id).intervals if is_attacked else ()
+        return TeachingMaterial(
+            str(material[variant.recording.id]),
+            variant.number,
+            each.part.start_ns,
+            each.part.end_ns,
+            [(interval.start_ns, interval.end_ns) for interval in intervals],
+        )
+
+    job = FitJob(
+        plugin=planned.detector.plugin.name,
+        parameters=dict(planned.detector.given),
+        clean=[teaching(each, is_attacked=False) for each in planned.clean],
+        attacked=[
+            teaching(each, is_attacked=True)
+            for each in planned.attacked
+            if has_truth(folder, each.variant.id)
+        ],
+        withheld=sorted(planned.withheld),
+        memory_mb=suite.limits.memory_mb,
+    )
+    within_s = _FITTING * suite.limits.time_s
+    with sandbox.start(_fit, job) as worker:
+        try:
+            record = worker.receive(within_s)
+            state = worker.receive_bytes(_size(record.get("size")), within_s)
+        except WorkerTimedOut as error:
+            return FitOutcome("timeout", f"fitting it: {error}", b"", {})
+        except WorkerDied as error:
+            return FitOutcome("failed", f"fitting it: {error}", b"", {})
+    status, reason = record.get("status"), record.get("reason")
+    if status not in ("ok", "skipped", "failed", "out_of_memory"):
+        return FitOutcome("failed", "fitting it: it disturbed its connection", b"", {})
+    return FitOutcome(status, reason and str(reason), state, dict(record.get("learned") or {}))
+
+
+def _size(size: Any) -> int:
+    if not isinstance(size, int) or not 0 <= size <= _MAX_STATE_BYTES:
+        raise WorkerDied("what it has learned is too large")
+    return size
 
 
 def _variant_job(variant: PlannedVariant) -> VariantJob:
@@ -254,9 +366,7 @@ def _variant_job(variant: PlannedVariant) -> VariantJob:
     if attack is None:
         return VariantJob(variant.id, variant.number)
     within = (window.start_ns, window.end_ns) if window else ()
-    return VariantJob(
-        variant.id, variant.number, attack.entry.id, attack.plugin.name, within, variant.seed or 0
-    )
+    return VariantJob(variant.id, variant.number, attack.entry.id, attack.plugin.name, within)
 
 
 def _detect(channel: WorkerChannel, job: DetectorJob, material: Path) -> None:
@@ -276,11 +386,10 @@ class DetectorRun:
         self,
         sandbox: Sandbox,
         suite: Suite,
-        detector: ConfiguredPlugin,
         material: Path,
         store: ResultStore,
     ) -> None:
-        self.sandbox, self.limits, self.detector = sandbox, suite.limits, detector
+        self.sandbox, self.limits = sandbox, suite.limits
         self.material, self.store = material, store
 
     def run(self, tasks: Sequence[PlannedTask]) -> list[Run]:
@@ -288,24 +397,28 @@ class DetectorRun:
         each in a worker of its own.
         """
         left = self._attempt(tasks, alone=False)
-        self.store.write_costs()
+        self.store.save_costs()
         return [partial(self._run_alone, task) for task in left]
 
     def _run_alone(self, task: PlannedTask) -> list[Run]:
         self._attempt([task], alone=True)
-        self.store.write_costs()
+        self.store.save_costs()
         return []
 
     def _attempt(self, tasks: Sequence[PlannedTask], *, alone: bool) -> list[PlannedTask]:
-        """Return the tasks without result; a task that is alone always gets one."""
+        """Return the tasks without result; a task that is alone always gets one.
+
+        The tasks have one detector, fitted on the same.
+        """
         left = list(tasks)
         status: Status = "failed"
         job = DetectorJob(
-            plugin=self.detector.plugin.name,
-            parameters=dict(self.detector.given),
+            plugin=tasks[0].detector.plugin.name,
+            parameters=dict(tasks[0].detector.given),
             variants=[task.variant.number for task in tasks],
             withheld=sorted(tasks[0].withheld),
             memory_mb=self.limits.memory_mb,
+            state=str(self.store.state_file(tasks[0].fit.id)) if tasks[0].fit else "",
         )
         with self.sandbox.start(_detect, job, self.material) as worker:
             try:

@@ -7,21 +7,34 @@ cluster can run them as they are::
     DescriptionJob   -> describe_plugin  -> what a plugin says of itself
     RecordingJob     -> survey_recording -> what is in a recording, and where attacks may lie
                      -> make_variants    -> truth files in the results, blind material in a folder
+    FitJob           -> fit_detector     -> what a detector has learned from blind material
     DetectorJob      -> run_detector     -> decisions on blind material, and what they cost
 
-Only the job of a recording knows the truth.
+Only the job of a recording knows the truth, and that of a fit the truth of its attacked material.
 """
 
+import pickle
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 from spoofbench import codec, plugins
-from spoofbench.attacks.contract import Attack, attackable_span, draw_window, make_variant
-from spoofbench.detector import Decisions, Detector, detect, is_baseline
+from spoofbench.attacks.contract import Attack, attackable_span, draw_windows, make_variant
+from spoofbench.detector import (
+    Decisions,
+    Detector,
+    Labelled,
+    Trainable,
+    declared,
+    detect,
+    is_baseline,
+    learns_from_attacks,
+    seen,
+    warm_up_s,
+)
 from spoofbench.errors import NotApplicable, PluginError, RecordingError
 from spoofbench.recording import Interval, Recording, is_really_attacked
 from spoofbench.results import write_truth
@@ -61,8 +74,10 @@ class RecordingJob:
         path: its file.
         donors: files that attacks may take signals from.
         attacks: id, plugin and parameters of each attack on it.
-        seeds: one window each.
-        suite_seed, warm_up_s, duration_s: of the windows.
+        seed: of the windows, and of what attacks draw.
+        first_s: how long after the first row windows may begin.
+        duration_s, gap_s: of each window, and after it.
+        windows: how many; None for as many as fit.
         memory_mb: how far memory may grow while variants are made.
     """
 
@@ -70,10 +85,11 @@ class RecordingJob:
     path: str
     donors: Sequence[str]
     attacks: Sequence[Mapping[str, Any]]
-    seeds: Sequence[int]
-    suite_seed: int
-    warm_up_s: float
+    seed: int
+    first_s: float
     duration_s: float
+    gap_s: float
+    windows: int | None
     memory_mb: int
 
 
@@ -88,18 +104,44 @@ class VariantJob:
     attack: str | None = None
     plugin: str = ""
     window: Sequence[int] = ()
-    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class TeachingMaterial:
+    """A part of a variant to fit on: its folder and number, and when it is attacked."""
+
+    material: str
+    variant: str
+    start_ns: int
+    end_ns: int
+    attacked: Sequence[Sequence[int]] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class FitJob:
+    """A detector to fit; it has to do without the ``withheld`` kinds."""
+
+    plugin: str
+    parameters: Mapping[str, Any]
+    clean: Sequence[TeachingMaterial]
+    attacked: Sequence[TeachingMaterial]
+    withheld: Sequence[str]
+    memory_mb: int
 
 
 @dataclass(frozen=True, slots=True)
 class DetectorJob:
-    """A detector to run on variants, by number; it has to do without the ``withheld`` kinds."""
+    """A detector to run on variants, by number; it has to do without the ``withheld`` kinds.
+
+    ``state`` is the file of what it has learned; "" if it has not.
+    """
 
     plugin: str
     parameters: Mapping[str, Any]
     variants: Sequence[str]
     withheld: Sequence[str] = field(default_factory=tuple)
     memory_mb: int = 512
+    state: str = ""
 
 
 def describe_plugin(job: DescriptionJob) -> Record:
@@ -136,36 +178,48 @@ def _contract(group: plugins.Group, made: Any) -> Record:
     parameters = {
         field.name: _plain(getattr(made, field.name)) for field in fields(made) if field.init
     }
-    if group == plugins.ATTACKS:
-        return {"parameters": parameters, "models": sorted(map(str, made.models))}
-    return {
+    defaults = {
+        field.name: _plain(field.default)
+        for field in fields(made)
+        if field.init and field.default is not MISSING
+    }
+    about: Record = {
         "parameters": parameters,
+        "changed": [
+            name
+            for name, value in parameters.items()
+            if name not in defaults or value != defaults[name]
+        ],
+    }
+    if group == plugins.ATTACKS:
+        return about | {"models": sorted(map(str, made.models)), "strength": float(made.strength)}
+    return about | {
         "requires": [str(kind) for kind in made.requires],
         "uses": [str(kind) for kind in made.uses],
         "memory_s": float(made.memory_s),
+        "warm_up_s": warm_up_s(made),
         "baseline": is_baseline(made),
+        "is_trainable": isinstance(made, Trainable),
+        "learns_from_attacks": learns_from_attacks(made),
     }
 
 
 def survey_recording(job: RecordingJob) -> Iterator[Record]:
-    """Read a recording and draw a window per seed, which all its attacks share.
+    """Read a recording and draw its windows, which all its attacks share.
 
     Each attack is announced, with the status ``asking``, before its code runs, so that it is known
     whom to blame. The last record has the status ``ok``.
 
     Raises:
-        RecordingError: the recording or a donor cannot be read, or is attacked already; a recording
-            may be by labels of a real attack, on which attacks are skipped.
+        RecordingError: the recording or a donor cannot be read, or a donor is attacked.
     """
-    clean, donors = _read(job.path), _read_donors(job)
-    attacks, unfit = _attacks(job), Unfit()
-    first_ns = min(clean.span.start_ns + round(job.warm_up_s * 1e9), clean.span.end_ns)
+    clean, donors = _read(job.path), _donors(job)
+    attacked = is_really_attacked(clean)
+    attacks, unfit = {} if attacked else _attacks(job), Unfit()
+    first_ns = min(clean.span.start_ns + round(job.first_s * 1e9), clean.span.end_ns)
     common = Interval(first_ns, clean.span.end_ns)
-    has_room = common.duration_s >= job.duration_s and not is_really_attacked(clean)
-    if is_really_attacked(clean):
-        reason = "the recording was really attacked; attacks are made on clean ones"
-        unfit = dict.fromkeys(attacks, ("skipped", reason))
-    elif not has_room:
+    has_room = common.duration_s >= job.duration_s
+    if not has_room:
         reason = (
             f"the recording has {common.duration_s:.1f} s after the warm-up, too few for an attack "
             f"of {job.duration_s:g} s"
@@ -179,16 +233,27 @@ def survey_recording(job: RecordingJob) -> Iterator[Record]:
             unfit[name] = ("skipped", str(error))
         except Exception as error:  # noqa: BLE001, a plugin may raise anything
             unfit[name] = ("failed", one_line(error))
+    windows = (
+        draw_windows(job.seed, job.recording, common, job.duration_s, job.gap_s, job.windows)
+        if has_room and attacks
+        else ()
+    )
     yield {
         "status": "ok",
         "digest": clean.digest(),
         "donors": [donor.digest() for donor in donors],
         "kinds": sorted(clean.blind().kinds),
-        "windows": {
-            str(seed): _window(job, seed, common) if has_room else None for seed in job.seeds
-        },
+        "span": (clean.span.start_ns, clean.span.end_ns),
+        "is_fused": _is_fused(clean),
+        "is_really_attacked": attacked,
+        "windows": [(window.start_ns, window.end_ns) for window in windows],
         "unfit": unfit,
     }
+
+
+def _is_fused(recording: Recording) -> bool:
+    source = recording.metadata.get("primary", {}).get("gnss/pvt")
+    return recording.metadata.get(f"source/{source}", {}).get("solution") == "fused"
 
 
 def make_variants(
@@ -197,13 +262,14 @@ def make_variants(
     """Write truth into the results and blind material into a folder of its own; yield a record for
     each variant, with its kinds, or why it could not be made.
     """
-    clean, donors = _read(job.path), _read_donors(job)
+    clean, donors = _read(job.path), _donors(job)
     limit_memory(job.memory_mb << 20)
     attacks, writer = _attacks(job), BlindWriter(material, clean)
     for wanted in variants:
         try:
-            variant = _variant(wanted, attacks, clean, donors)
-            write_truth(results, wanted.id, build_truth(clean, variant))
+            variant = _variant(wanted, attacks, clean, donors, job.seed)
+            kinds = sorted(variant.blind().kinds)
+            write_truth(results, wanted.id, build_truth(clean, variant), kinds)
         except NotApplicable as error:
             record: Record = {"status": "skipped", "reason": str(error)}
         except MemoryError:
@@ -213,13 +279,17 @@ def make_variants(
             record = {"status": "failed", "reason": one_line(error)}
         else:
             writer.put(wanted.number, variant)
-            record = {"status": "ok", "kinds": sorted(variant.blind().kinds)}
+            record = {"status": "ok", "kinds": kinds}
         yield {"id": wanted.id, **record}
 
 
 @cache
 def _read(path: str) -> Recording:
-    """Read a recording, once in a process: clean, or really attacked and labelled."""
+    """Read a recording, once in a process.
+
+    Raises:
+        RecordingError: it is a variant that an attack has made.
+    """
     recording = codec.read(Path(path))
     if TRUTH_TOPIC in recording and not is_really_attacked(recording):
         raise RecordingError(
@@ -229,14 +299,12 @@ def _read(path: str) -> Recording:
     return recording
 
 
-def _read_donors(job: RecordingJob) -> list[Recording]:
-    donors = {path: _read(path) for path in job.donors}
-    for path, donor in donors.items():
+def _donors(job: RecordingJob) -> list[Recording]:
+    donors = [_read(path) for path in job.donors]
+    for path, donor in zip(job.donors, donors, strict=True):
         if is_really_attacked(donor):
-            raise RecordingError(
-                f"{Path(path).name!r} was really attacked; leave it out of the donors of others"
-            )
-    return list(donors.values())
+            raise RecordingError(f"{Path(path).name!r} is attacked; a donor must be clean")
+    return donors
 
 
 def _attacks(job: RecordingJob) -> dict[str, Attack]:
@@ -265,21 +333,61 @@ def _shared_span(
     return Interval(start_ns, end_ns)
 
 
-def _window(job: RecordingJob, seed: int, common: Interval) -> tuple[int, int]:
-    window = draw_window(job.suite_seed, job.recording, seed, common, job.duration_s)
-    return window.start_ns, window.end_ns
-
-
 def _variant(
     wanted: VariantJob,
     attacks: Mapping[str, Attack],
     clean: Recording,
     donors: Sequence[Recording],
+    seed: int,
 ) -> Recording:
     if wanted.attack is None:
         return clean
     window = Interval(*wanted.window)
-    return make_variant(wanted.plugin, attacks[wanted.attack], clean, window, wanted.seed, donors)
+    return make_variant(wanted.plugin, attacks[wanted.attack], clean, window, seed, donors)
+
+
+def fit_detector(job: FitJob) -> tuple[Record, bytes]:
+    """Fit a detector; return a record with its fitted parameters, and its pickle, or why there is
+    none.
+    """
+    readers = {
+        each.material: BlindReader(Path(each.material)) for each in (*job.clean, *job.attacked)
+    }
+    size = sum(readers[each.material].size(each.variant) for each in (*job.clean, *job.attacked))
+    limit_memory((job.memory_mb << 20) + 2 * size)
+    try:
+        made = plugins.make(plugins.DETECTORS, job.plugin, _frozen(job.parameters))
+        kinds = declared(made) - set(job.withheld)
+
+        def part(each: TeachingMaterial) -> Recording:
+            whole = readers[each.material].get(each.variant)
+            return seen(whole, kinds).between(each.start_ns, each.end_ns)
+
+        labelled = [
+            Labelled(part(each), tuple(Interval(*pair) for pair in each.attacked))
+            for each in job.attacked
+        ]
+        fitted = made.fit([part(each) for each in job.clean], labelled)
+        if type(fitted) is not type(made):
+            raise PluginError(f"fit() must return a {type(made).__name__}")
+        state = pickle.dumps(fitted, protocol=5)
+    except NotApplicable as error:
+        return {"status": "skipped", "reason": f"it cannot be fitted: {one_line(error)}"}, b""
+    except MemoryError:
+        return {
+            "status": "out_of_memory",
+            "reason": f"fitting it needs more than {job.memory_mb} MB",
+        }, b""
+    except Exception as error:  # noqa: BLE001, a plugin may raise anything
+        return {"status": "failed", "reason": f"fitting it: {one_line(error)}"}, b""
+    learned = {
+        field.name: _plain(getattr(fitted, field.name))
+        for field in fields(fitted)
+        if field.init
+        and isinstance(getattr(fitted, field.name), bool | int | float | str)
+        and getattr(fitted, field.name) != getattr(made, field.name)
+    }
+    return {"status": "ok", "learned": learned}, state
 
 
 def run_detector(job: DetectorJob, material: Path) -> Iterator[tuple[Record, Decisions | None]]:
@@ -292,7 +400,9 @@ def run_detector(job: DetectorJob, material: Path) -> Iterator[tuple[Record, Dec
     limit_memory((job.memory_mb << 20) + max(map(reader.size, job.variants)))
     try:
         detector: Detector = plugins.make(plugins.DETECTORS, job.plugin, _frozen(job.parameters))
-    except PluginError as error:
+        if job.state:
+            detector = pickle.loads(Path(job.state).read_bytes())
+    except Exception as error:  # noqa: BLE001, a plugin may raise anything
         yield {"status": "failed", "reason": one_line(error)}, None
         return
     yield {"status": "ok"}, None

@@ -1,94 +1,110 @@
 """Scores of a results folder, from its raw decisions and truth alone.
 
-``scores.parquet`` has one row per task, ``events.parquet`` one per task and attack interval, both
-in the order of ``tasks.parquet``. A task that failed scores as a detector that was never available:
-its attacks are missed and its clean hours are none. Tasks that were skipped or not modelled have
-nulls, and so have failed ones whose variant could not be made: there is no truth to score against.
+Every task that is judged is scored at its operating points: ``published``, the threshold of the
+detector itself, and ``calibrated``, a factor on it that :mod:`.operating` finds on the calibration
+side. ``scores.parquet`` has one row per task and point, ``events.parquet`` one per task, point and
+attack interval, both in the order of ``tasks.parquet``, the ranked point first.
+
+A task that failed scores as a detector that was never available: its attacks are missed and its
+clean hours are none. Tasks that were skipped or not modelled have nulls, and so have failed ones
+whose variant could not be made: there is no truth to score against.
 """
 
-import math
-from itertools import groupby
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby, zip_longest
+from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
 
-from spoofbench.arrays import Bools, Floats
+from spoofbench.arrays import Bools
+from spoofbench.decisions import Outcomes
 from spoofbench.detector import Decisions
-from spoofbench.errors import ResultsError
 from spoofbench.results import (
     FAILURES,
     Task,
     Truth,
     has_truth,
-    read_outcome,
+    read_run,
     read_tasks,
     read_truth,
     write_parquet,
 )
-from spoofbench.scoring.grid import default_hold_s, release_guard, score_on_grid, within
-from spoofbench.scoring.metrics import (
-    alarm_level,
-    detection_pct,
-    false_alerts,
-    find_events,
-    harm,
-    largest_error,
-    share,
-)
+from spoofbench.scoring.grid import default_hold_s, within
+from spoofbench.scoring.metrics import Event, detection_pct, false_alerts, harm, share
+from spoofbench.scoring.operating import Curves, Thresholds
 from spoofbench.scoring.statistics import partial_auc, roc_curve
+from spoofbench.scoring.trace import Trace, trace
 
 P_FA_LIMIT = 0.01
 """Largest P_FA per epoch that the partial area under the ROC curve looks at."""
 
-# spoofbench.scoring.metrics says what the figures are
+Point = Literal["calibrated", "published"]
+
+_NAMES: tuple[tuple[str, pa.DataType], ...] = (
+    ("task_id", pa.string()),
+    ("point", pa.string()),
+    ("factor", pa.float64()),
+    ("role", pa.string()),
+    ("recording", pa.string()),
+    ("session", pa.string()),
+    ("sensor_class", pa.string()),
+    ("provenance", pa.string()),
+    ("attack", pa.string()),
+    ("attack_group", pa.string()),
+    ("strength", pa.float64()),
+    ("window", pa.int64()),
+    ("detector", pa.string()),
+)
+
 SCORE_SCHEMA = pa.schema(
     [
-        ("recording", pa.string()),
-        ("attack", pa.string()),
-        ("seed", pa.int64()),
-        ("detector", pa.string()),
+        *_NAMES,
         ("status", pa.string()),
         ("reason", pa.string()),
+        ("epochs", pa.int64()),
+        ("availability", pa.float64()),
+        ("alert_fraction", pa.float64()),
+        ("episodes", pa.int64()),
+        ("available_clean_h", pa.float64()),
         ("far_per_hour", pa.float64()),
         ("far_per_hour_lo", pa.float64()),
         ("far_per_hour_hi", pa.float64()),
+        ("far_floor_per_hour", pa.float64()),
         ("far_epoch", pa.float64()),
-        ("alert_fraction", pa.float64()),
         ("detection_pct", pa.float64()),
         ("detection_pct_available", pa.float64()),
-        ("ttfd_s", pa.float64()),
+        ("placebo_pct", pa.float64()),
         ("detected", pa.bool_()),
-        ("availability", pa.float64()),
-        ("position_error_at_detection_m", pa.float64()),
-        ("largest_undetected_position_error_m", pa.float64()),
+        ("placebo_detected", pa.bool_()),
+        ("ttfd_s", pa.float64()),
         ("partial_auc", pa.float64()),
-        ("far_floor_per_hour", pa.float64()),
-        ("episodes", pa.int64()),
-        ("available_clean_h", pa.float64()),
-        ("epochs", pa.int64()),
-        ("task_id", pa.string()),
-        ("session", pa.string()),
     ]
 )
 
 EVENT_SCHEMA = pa.schema(
     [
-        ("recording", pa.string()),
-        ("attack", pa.string()),
-        ("seed", pa.int64()),
-        ("detector", pa.string()),
+        *_NAMES,
         ("start_ns", pa.int64()),
         ("end_ns", pa.int64()),
         ("length_s", pa.float64()),
         ("alert_before", pa.bool_()),
         ("detected", pa.bool_()),
+        ("placebo_detected", pa.bool_()),
         ("ttfd_s", pa.float64()),
+        ("alerted_share", pa.float64()),
+        ("placebo_share", pa.float64()),
+        ("persisted_s", pa.float64()),
+        ("retrust_s", pa.float64()),
+        ("retrust_censored", pa.bool_()),
         ("position_error_at_detection_m", pa.float64()),
-        ("largest_undetected_position_error_m", pa.float64()),
-        ("task_id", pa.string()),
-        ("session", pa.string()),
+        ("largest_error_before_alert_m", pa.float64()),
+        ("largest_error_while_silent_m", pa.float64()),
+        ("hazardous", pa.bool_()),
+        ("warned", pa.bool_()),
     ]
 )
 
@@ -98,60 +114,66 @@ _Cells = dict[str, Any]
 """What a row has, by column; the rest is null."""
 
 
-def score_folder(folder: Path) -> None:
-    """Write ``scores.parquet`` and ``events.parquet``: same folder, same bytes.
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What a suite says about scoring.
 
-    The truth of a variant is read once, unattacked variants first: the ROC curve of an attacked
-    task needs the scores of its detector on the clean recording. ``detected``, ``ttfd_s`` and
-    ``position_error_at_detection_m`` of a task are those of its first attack interval; the events
-    have them all.
+    Attributes:
+        target_far_per_hour: false-alert rate at which detectors are ranked.
+        alert_limit_m, time_to_alert_s: errors above it are hazardous unless an alert comes in time;
+            None where the suite sets no limit.
+    """
+
+    target_far_per_hour: float
+    alert_limit_m: float | None
+    time_to_alert_s: float
+
+
+def score_folder(folder: Path) -> None:
+    """Write ``scores.parquet``, ``events.parquet``, ``calibration.parquet`` and ``curves.parquet``:
+    same folder, same bytes.
+
+    ``detected``, ``placebo_detected`` and ``ttfd_s`` of a task are those of its first attack
+    interval; the events have them all.
 
     Raises:
         ResultsError: a file of the folder is missing or damaged.
     """
-    tasks = read_tasks(folder)
-    rows: list[_Cells] = [
-        _identity(task) | {"status": task.status, "reason": task.reason} for task in tasks
-    ]
+    tasks, suite = read_tasks(folder), read_run(folder)["suite"]
+    rules = Rules(suite["target_far_per_hour"], suite["alert_limit_m"], suite["time_to_alert_s"])
+    reading = _Reading(folder, tasks)
+    thresholds = Thresholds(rules.target_far_per_hour)
+    for task, seen in reading.calibrating():
+        thresholds.add(seen, task)
+    classes = sorted({task.sensor_class for task in tasks if task.calibrates})
+    curves = Curves(thresholds)
+    rows: list[list[_Cells]] = [[] for _ in tasks]
     events: list[list[_Cells]] = [[] for _ in tasks]
-    clean_scores: dict[tuple[str, str], Floats] = {}
-    default_holds_s: dict[tuple[str, str], float] = {}
-
-    def by_variant(index: int) -> tuple[bool, str]:
-        return tasks[index].attack is not None, tasks[index].variant_id
-
-    scored = [index for index, task in enumerate(tasks) if _can_be_scored(folder, task)]
-    for (_, variant_id), group in groupby(sorted(scored, key=by_variant), by_variant):
-        truth = read_truth(folder, variant_id)
-        for index in group:
-            task = tasks[index]
-            decisions = _decisions(folder, task)
-            key = (task.recording, task.detector)
-            if task.attack is None:
-                default_holds_s[key] = default_hold_s(truth.epoch_ns, decisions.time_ns)
-            hold_s = task.hold_s
-            if hold_s is None:
-                hold_s = default_holds_s.get(key, default_hold_s(truth.epoch_ns, _NO_TIMES))
-            score = score_on_grid(decisions, truth, hold_s)
-            if task.attack is None:
-                clean_scores[key] = score[_clean(truth, task.memory_s)]
-            found = _events(truth, decisions, score > 1, hold_s)
-            events[index] = [_identity(task) | event for event in found]
-            rows[index] |= _scores(
-                truth, decisions, score, found, task.memory_s, unattacked=task.attack is None
-            )
-            rows[index]["partial_auc"] = _partial_auc(clean_scores.get(key), score[truth.spoofed])
-    write_parquet(folder / "scores.parquet", pa.Table.from_pylist(rows, SCORE_SCHEMA))
-    write_parquet(
-        folder / "events.parquet",
-        pa.Table.from_pylist([event for some in events for event in some], EVENT_SCHEMA),
-    )
+    for index, seen, clean in reading.judged():
+        task = tasks[index]
+        for point, factor in _points(thresholds, task):
+            found, row = _scored(task, seen.at(factor), clean and clean.at(factor), rules)
+            named = {"point": point, "factor": factor}
+            rows[index].append(_identity(task) | named | row)
+            events[index] += [_identity(task) | named | event for event in found]
+        curves.add(task, seen, clean, classes)
+    for task, some in zip(tasks, rows, strict=True):
+        if not some and task.is_judged:
+            some += [
+                _identity(task) | {"point": point, "factor": factor} | _fate(task)
+                for point, factor in _points(thresholds, task)
+            ]
+    write_parquet(folder / "scores.parquet", _table(rows, SCORE_SCHEMA))
+    write_parquet(folder / "events.parquet", _table(events, EVENT_SCHEMA))
+    thresholds.write(folder)
+    curves.write(folder)
 
 
 def score_decisions(
     decisions: Decisions, truth: Truth, *, memory_s: float, hold_s: float | None = None
 ) -> dict[str, Any]:
-    """Return what ``scores.parquet`` says of one task's decisions; unknown is None.
+    """Return what ``scores.parquet`` says of one task's decisions, at their own threshold; unknown
+    is None.
 
     Where the truth has no attack, the false alerts are given, else what was detected.
 
@@ -159,73 +181,130 @@ def score_decisions(
         decisions: of one detector on one recording.
         truth: of that recording.
         memory_s: how long an alert of the detector may outlast its cause.
-        hold_s: how long a decision stands; None is the default of these decisions, see
-            :func:`spoofbench.scoring.grid.default_hold_s`.
+        hold_s: how long a decision stands; None for by their own rate.
     """
     if hold_s is None:
         hold_s = default_hold_s(truth.epoch_ns, decisions.time_ns)
-    score = score_on_grid(decisions, truth, hold_s)
-    events = _events(truth, decisions, score > 1, hold_s)
-    return _scores(truth, decisions, score, events, memory_s, unattacked=not truth.intervals)
+    seen = trace(decisions, truth, hold_s)
+    row = _alerts(seen, np.ones(truth.time_ns.size, bool))
+    if not truth.intervals:
+        return row | _false_alerts(seen, seen.clean(memory_s))
+    return row | _detection(seen, None, seen.events(truth.intervals), [])
 
 
-def _scores(
-    truth: Truth,
-    decisions: Decisions,
-    score: Floats,
-    events: list[_Cells],
-    memory_s: float,
-    *,
-    unattacked: bool,
-) -> _Cells:
-    """Return availability, alerts and detections and, where there is no attack, false alerts."""
-    cells = _alerts(score) | _detection(truth, score, events)
-    return cells | _false_alerts(truth, decisions, score, memory_s) if unattacked else cells
+def _points(thresholds: Thresholds, task: Task) -> Iterator[tuple[Point, float]]:
+    factor = thresholds.factor(task)
+    if factor is not None:
+        yield "calibrated", factor
+    yield "published", 1.0
 
 
-def _can_be_scored(folder: Path, task: Task) -> bool:
-    return task.status == "ok" or (task.status in FAILURES and has_truth(folder, task.variant_id))
+class _Reading:
+    """Reads decisions and truth of a folder, a recording at a time."""
+
+    def __init__(self, folder: Path, tasks: Sequence[Task]) -> None:
+        self.folder, self.tasks, self.outcomes = folder, tasks, Outcomes(folder)
+        self.hold_s: dict[tuple[str, str], float] = {}
+
+    def calibrating(self) -> Iterator[tuple[Task, Trace]]:
+        """Yield the tasks that set thresholds, and what their detectors decided."""
+        unattacked = [task for task in self.tasks if task.calibrates]
+        unattacked.sort(key=lambda task: (task.recording, task.variant_id))
+        for variant_id, group in groupby(unattacked, lambda task: task.variant_id):
+            if not has_truth(self.folder, variant_id):
+                continue
+            truth = read_truth(self.folder, variant_id)
+            for task in group:
+                if task.status in ("ok", *FAILURES):
+                    yield task, self._trace(task, truth)
+
+    def judged(self) -> Iterator[tuple[int, Trace, Trace | None]]:
+        """Yield the index of each judged task that can be scored, what its detector decided, and
+        what it decided on the unattacked recording.
+        """
+        judged = [
+            index
+            for index, task in enumerate(self.tasks)
+            if task.is_judged and task.status in ("ok", *FAILURES)
+        ]
+
+        def place(index: int) -> tuple[str, bool, str]:
+            task = self.tasks[index]
+            return task.recording, task.attack is not None, task.variant_id
+
+        clean: dict[str, Trace] = {}
+        recording = ""
+        for (name, is_attacked, variant_id), group in groupby(sorted(judged, key=place), place):
+            if name != recording:
+                recording, clean = name, {}
+            if not has_truth(self.folder, variant_id):
+                continue
+            truth = read_truth(self.folder, variant_id)
+            for index in group:
+                task = self.tasks[index]
+                seen = self._trace(task, truth)
+                if not is_attacked:
+                    clean[task.detector] = seen
+                yield index, seen, clean.get(task.detector) if is_attacked else None
+
+    def _trace(self, task: Task, truth: Truth) -> Trace:
+        decisions = _NEVER_AVAILABLE
+        if task.status not in FAILURES:
+            decisions = self.outcomes.decisions(task.recording, task.task_id)
+        return trace(decisions, truth, self._hold_s(task, truth, decisions))
+
+    def _hold_s(self, task: Task, truth: Truth, decisions: Decisions) -> float:
+        """How long a decision stands, by the first decisions that come of a recording: those on it
+        as it is.
+        """
+        if task.hold_s is not None:
+            return task.hold_s
+        key = task.recording, task.detector
+        if key not in self.hold_s:
+            self.hold_s[key] = default_hold_s(truth.epoch_ns, decisions.time_ns)
+        return self.hold_s[key]
+
+
+def _scored(
+    task: Task, seen: Trace, clean: Trace | None, rules: Rules
+) -> tuple[list[_Cells], _Cells]:
+    """Return the events and the row of one task at one operating point."""
+    truth = seen.truth
+    found = seen.events(truth.intervals)
+    placebo = clean.events(truth.intervals) if clean else []
+    events = [
+        _event(seen, event, clean, twin, rules) for event, twin in zip_longest(found, placebo)
+    ]
+    judged = truth.time_ns >= (task.judged_start_ns or 0)
+    row = _fate(task) | _alerts(seen, judged) | _detection(seen, clean, found, placebo)
+    if task.attack is None or task.provenance == "real attack":
+        row |= _false_alerts(seen, seen.clean(task.memory_s) & judged)
+    return events, row
 
 
 def _identity(task: Task) -> _Cells:
+    names = [name for name, _ in _NAMES if name not in ("point", "factor")]
+    return {name: getattr(task, name) for name in names}
+
+
+def _fate(task: Task) -> _Cells:
+    return {"status": task.status, "reason": task.reason}
+
+
+def _alerts(seen: Trace, epochs: Bools) -> _Cells:
+    """Availability and alerts over these epochs."""
     return {
-        name: getattr(task, name)
-        for name in ("recording", "attack", "seed", "detector", "task_id", "session")
+        "epochs": int(epochs.sum()),
+        "availability": share(~np.isnan(seen.score), epochs),
+        "alert_fraction": share(seen.alert, epochs),
     }
 
 
-def _decisions(folder: Path, task: Task) -> Decisions:
-    if task.status in FAILURES:
-        return _NEVER_AVAILABLE
-    outcome = read_outcome(folder, task.task_id)
-    if outcome is None or outcome.decisions is None:
-        raise ResultsError(
-            f"task {task.task_id!r} is ok but {folder} has no decisions of it; resume the run"
-        )
-    return outcome.decisions
-
-
-def _clean(truth: Truth, memory_s: float) -> Bools:
-    """Epochs known to be neither spoofed nor within the release guard, ``(n,)``."""
-    guard = release_guard(truth.time_ns, truth.intervals, memory_s)
-    return truth.reviewed & ~(within(truth.time_ns, truth.intervals) | guard)
-
-
-def _alerts(score: Floats) -> _Cells:
-    """Availability and alerts over all epochs."""
-    every = np.ones(score.size, bool)
-    return {
-        "epochs": score.size,
-        "availability": share(~np.isnan(score), every),
-        "alert_fraction": share(score > 1, every),
-    }
-
-
-def _false_alerts(truth: Truth, decisions: Decisions, score: Floats, memory_s: float) -> _Cells:
+def _false_alerts(seen: Trace, clean: Bools) -> _Cells:
     """False alerts over the available clean epochs."""
-    level = alarm_level(truth.time_ns, score, decisions.time_ns, decisions.score)
-    counted = ~np.isnan(level) & _clean(truth, memory_s)
-    false = false_alerts(truth.time_ns, score > 1, counted, truth.epoch_ns, level > 1)
+    truth, level = seen.truth, seen.level
+    counted = ~np.isnan(level) & clean
+    false = false_alerts(truth.time_ns, seen.alert, counted, truth.epoch_ns, level > seen.factor)
     return {
         "far_per_hour": false.per_hour,
         "far_per_hour_lo": false.per_hour_lo,
@@ -237,58 +316,67 @@ def _false_alerts(truth: Truth, decisions: Decisions, score: Floats, memory_s: f
     }
 
 
-def _detection(truth: Truth, score: Floats, events: list[_Cells]) -> _Cells:
-    alert = score > 1
-    over_all, over_available = detection_pct(alert, ~np.isnan(score), truth.spoofed)
-    first = events[0] if events else {}
+def _detection(
+    seen: Trace, clean: Trace | None, found: Sequence[Event], placebo: Sequence[Event]
+) -> _Cells:
+    truth = seen.truth
+    if not truth.intervals:
+        return {}
+    over_all, over_available = detection_pct(seen.alert, ~np.isnan(seen.score), truth.spoofed)
+    alerted = (
+        None if clean is None else share(clean.alert, within(clean.truth.time_ns, truth.intervals))
+    )
     return {
         "detection_pct": over_all,
         "detection_pct_available": over_available,
-        "largest_undetected_position_error_m": largest_error(
-            truth.position_error_m, truth.spoofed & ~alert
-        ),
-        **{
-            name: first.get(name)
-            for name in ("detected", "ttfd_s", "position_error_at_detection_m")
-        },
+        "placebo_pct": None if alerted is None else 100 * alerted,
+        "detected": found[0].detected,
+        "placebo_detected": placebo[0].detected if placebo else None,
+        "ttfd_s": found[0].ttfd_s,
+        "partial_auc": _partial_auc(seen, clean),
     }
 
 
-def _events(truth: Truth, decisions: Decisions, alert: Bools, hold_s: float) -> list[_Cells]:
-    """Return what came of each attack interval."""
-    found = find_events(
-        decisions.time_ns,
-        decisions.alert,
-        truth.intervals,
-        hold_s=hold_s,
-        end_ns=int(truth.time_ns[-1]) + truth.epoch_ns,
-        unreviewed_ns=truth.time_ns[~truth.reviewed],
+def _event(
+    seen: Trace, event: Event, clean: Trace | None, placebo: Event | None, rules: Rules
+) -> _Cells:
+    truth, interval = seen.truth, event.interval
+    limit_m = rules.alert_limit_m
+    done = harm(
+        event,
+        truth.time_ns,
+        truth.position_error_m,
+        seen.alert,
+        alert_limit_m=inf if limit_m is None else limit_m,
+        time_to_alert_s=rules.time_to_alert_s,
     )
-    cells = []
-    for event in found:
-        done = harm(
-            event,
-            truth.time_ns,
-            truth.position_error_m,
-            alert,
-            alert_limit_m=math.inf,
-            time_to_alert_s=0.0,
-        )
-        cells.append(
-            {
-                "start_ns": event.interval.start_ns,
-                "end_ns": event.interval.end_ns,
-                "length_s": event.interval.duration_s,
-                "alert_before": event.alert_before,
-                "detected": event.detected,
-                "ttfd_s": event.ttfd_s,
-                "position_error_at_detection_m": done.error_at_detection_m,
-                "largest_undetected_position_error_m": done.largest_error_while_silent_m,
-            }
-        )
-    return cells
+    return {
+        "start_ns": interval.start_ns,
+        "end_ns": interval.end_ns,
+        "length_s": interval.duration_s,
+        "alert_before": event.alert_before,
+        "detected": event.detected,
+        "placebo_detected": placebo and placebo.detected,
+        "ttfd_s": event.ttfd_s,
+        "alerted_share": done.alerted_share,
+        "placebo_share": clean and share(clean.alert, interval.covers(clean.truth.time_ns)),
+        "persisted_s": event.persisted_s,
+        "retrust_s": event.retrust_s,
+        "retrust_censored": event.retrust_censored,
+        "position_error_at_detection_m": done.error_at_detection_m,
+        "largest_error_before_alert_m": done.largest_error_before_alert_m,
+        "largest_error_while_silent_m": done.largest_error_while_silent_m,
+        "hazardous": None if limit_m is None else done.hazardous,
+        "warned": None if limit_m is None else done.warned,
+    }
 
 
-def _partial_auc(clean_score: Floats | None, spoofed_score: Floats) -> float | None:
-    curve = None if clean_score is None else roc_curve(clean_score, spoofed_score)
+def _partial_auc(seen: Trace, clean: Trace | None) -> float | None:
+    if clean is None:
+        return None
+    curve = roc_curve(clean.score[clean.clean(0.0)], seen.score[seen.truth.spoofed])
     return None if curve is None else partial_auc(*curve, P_FA_LIMIT)
+
+
+def _table(rows: Sequence[Sequence[_Cells]], schema: pa.Schema) -> pa.Table:
+    return pa.Table.from_pylist([row for some in rows for row in some], schema)
