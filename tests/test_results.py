@@ -2,29 +2,23 @@
 
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pyarrow as pa
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from spoofbench.detector import Decisions
 from spoofbench.errors import ResultsError
 from spoofbench.recording import Interval
 from spoofbench.results import (
     TASK_SCHEMA,
-    Status,
     Task,
-    TaskOutcome,
     Truth,
-    read_outcome,
+    has_truth,
+    read_kinds,
     read_parquet,
     read_run,
     read_tasks,
     read_truth,
-    write_outcome,
     write_parquet,
     write_run,
     write_tasks,
@@ -34,23 +28,40 @@ from spoofbench.results import (
 TASK = Task(
     task_id="0f",
     variant_id="1e",
+    role="judged",
     recording="drive",
     session="monday",
+    sensor_class="car-mems",
+    provenance="injected",
+    is_fused=False,
+    kinds='["gnss/pvt"]',
     attack="replay",
+    attack_group="replay",
+    attack_plugin="replay",
     attack_parameters="{}",
+    strength=2.5,
+    window=7,
     window_start_ns=2**62,
     window_end_ns=2**62 + 1,
-    seed=7,
+    calibration_start_ns=None,
+    calibration_end_ns=None,
+    judged_start_ns=2**60,
+    held_out='["monday"]',
+    left_out=None,
+    fit_id=None,
     detector="d",
     plugin="p",
     plugin_distribution="a-distribution",
     plugin_version="1.0",
     parameters="{}",
+    parameter_sources="{}",
+    input_class="gnss+imu",
     requires='["imu"]',
     memory_s=5.0,
+    warm_up_s=0.0,
+    learns_from_attacks=False,
     baseline=False,
     hold_s=None,
-    target_far_per_hour=1.0,
     status="ok",
     reason=None,
 )
@@ -58,10 +69,15 @@ UNATTACKED = replace(
     TASK,
     task_id="2d",
     attack=None,
+    attack_group=None,
+    attack_plugin=None,
     attack_parameters=None,
+    strength=None,
+    window=None,
     window_start_ns=None,
     window_end_ns=None,
-    seed=None,
+    calibration_start_ns=1,
+    calibration_end_ns=2**62,
 )
 
 
@@ -88,40 +104,24 @@ def test_tasks_come_back(tmp_path: Path) -> None:
     assert read_tasks(tmp_path) == []
 
 
-@given(
-    st.lists(st.integers(-(2**63), 2**63 - 1), unique=True, max_size=20).map(sorted),
-    st.lists(st.floats(allow_nan=True), min_size=20, max_size=20),
-)
-def test_decisions_come_back(
-    tmp_path_factory: pytest.TempPathFactory, times: list[int], scores: list[float]
-) -> None:
-    folder = tmp_path_factory.mktemp("results")
-    score = np.array(scores[: len(times)])
-    decisions = Decisions(times, score, ~np.isnan(score))
-    write_outcome(folder, "t", TaskOutcome("ok", None, decisions))
-    back = read_outcome(folder, "t")
-    assert back is not None
-    assert back.decisions is not None
-    assert (back.status, back.reason) == ("ok", None)
-    for name in ("time_ns", "score", "available"):
-        np.testing.assert_array_equal(getattr(back.decisions, name), getattr(decisions, name))
-
-
-@pytest.mark.parametrize("status", [status for status in get_args(Status) if status != "ok"])
-def test_reasons_come_back(tmp_path: Path, status: Status) -> None:
-    write_outcome(tmp_path, "t", TaskOutcome(status, "because", None))
-    back = read_outcome(tmp_path, "t")
-    assert back is not None
-    assert (back.status, back.reason, back.decisions) == (status, "because", None)
-
-
-def test_what_was_not_written_is_none(tmp_path: Path) -> None:
-    assert read_outcome(tmp_path, "t") is None
+def test_a_task_says_whether_it_is_judged_and_whether_it_calibrates() -> None:
+    only = replace(UNATTACKED, role="calibration")
+    first_part = replace(only, judged_start_ns=None)
+    assert [(task.is_judged, task.calibrates) for task in (TASK, UNATTACKED, only, first_part)] == [
+        (True, False),
+        (True, True),
+        (False, True),
+        (False, True),
+    ]
 
 
 def test_truth_comes_back(tmp_path: Path) -> None:
     written = truth()
-    write_truth(tmp_path, "v", written)
+    assert not has_truth(tmp_path, "v")
+    assert read_kinds(tmp_path, "v") is None
+    write_truth(tmp_path, "v", written, ["gnss/pvt", "imu"])
+    assert has_truth(tmp_path, "v")
+    assert read_kinds(tmp_path, "v") == ["gnss/pvt", "imu"]
     back = read_truth(tmp_path, "v")
     for field in fields(Truth):
         np.testing.assert_array_equal(getattr(back, field.name), getattr(written, field.name))
@@ -136,15 +136,10 @@ def test_same_content_same_bytes_and_nothing_beside(tmp_path: Path) -> None:
     for name in ("a", "b"):
         write_truth(tmp_path / name, "v", truth())
         write_tasks(tmp_path / name, [TASK])
-        write_outcome(tmp_path / name, "t", TaskOutcome("failed", "because", None))
     files = sorted(
         path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()
     )
-    assert [str(file) for file in files] == [
-        "decisions/t.parquet",
-        "tasks.parquet",
-        "truth/v.parquet",
-    ]
+    assert [str(file) for file in files] == ["tasks.parquet", "truth/v.parquet"]
     for file in files:
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
@@ -166,30 +161,16 @@ def test_a_write_that_fails_leaves_the_file_that_was_there(
 
 
 def test_damage_is_said(tmp_path: Path) -> None:
-    write_outcome(tmp_path, "t", TaskOutcome("ok", None, Decisions([1], [2.0], [True])))
     write_truth(tmp_path, "v", truth())
     write_tasks(tmp_path, [TASK])
-    decisions, grid, tasks = (
-        tmp_path / "decisions" / "t.parquet",
-        tmp_path / "truth" / "v.parquet",
-        tmp_path / "tasks.parquet",
-    )
-
-    stored = read_parquet(decisions)
-    write_parquet(decisions, stored.replace_schema_metadata(None))
-    with pytest.raises(ResultsError, match="no status"):
-        read_outcome(tmp_path, "t")
-    write_parquet(decisions, stored.drop_columns("score"))
-    with pytest.raises(ResultsError, match="lacks values of 'score'"):
-        read_outcome(tmp_path, "t")
-    decisions.write_bytes(b"PAR1 and no more")
-    with pytest.raises(ResultsError, match="cannot be read"):
-        read_outcome(tmp_path, "t")
+    grid, tasks = tmp_path / "truth" / "v.parquet", tmp_path / "tasks.parquet"
 
     stored = read_parquet(grid)
     write_parquet(grid, stored.replace_schema_metadata(None))
     with pytest.raises(ResultsError, match="epoch and intervals"):
         read_truth(tmp_path, "v")
+    with pytest.raises(ResultsError, match="cannot be read"):
+        read_kinds(tmp_path, "v")
     write_parquet(grid, stored.set_column(0, "time_ns", pa.nulls(3, pa.int64())))
     with pytest.raises(ResultsError, match="lacks values of 'time_ns'"):
         read_truth(tmp_path, "v")
@@ -212,7 +193,8 @@ def test_damage_is_said(tmp_path: Path) -> None:
         {"status": "well"},
         {"memory_s": np.inf},
         {"hold_s": np.nan},
-        {"target_far_per_hour": None},
+        {"role": None},
+        {"held_out": None},
         {"variant_id": None},
     ],
 )
@@ -227,13 +209,9 @@ def test_tasks_that_no_run_writes_are_damage(tmp_path: Path, change: dict[str, o
 
 def test_columns_of_other_types_are_damage(tmp_path: Path) -> None:
     write_tasks(tmp_path, [TASK])
-    write_outcome(
-        tmp_path, "t", TaskOutcome("ok", None, Decisions([1, 2], [2.0, 0.5], [True, True]))
-    )
     write_truth(tmp_path, "v", truth())
     for part, read in (
         ("tasks", lambda: read_tasks(tmp_path)),
-        ("decisions/t", lambda: read_outcome(tmp_path, "t")),
         ("truth/v", lambda: read_truth(tmp_path, "v")),
     ):
         path = tmp_path / f"{part}.parquet"
@@ -249,16 +227,6 @@ def test_columns_of_other_types_are_damage(tmp_path: Path) -> None:
                 read()
         write_parquet(path, good)
         read()
-
-
-def test_decisions_out_of_order_are_damage(tmp_path: Path) -> None:
-    write_outcome(
-        tmp_path, "t", TaskOutcome("ok", None, Decisions([1, 2], [2.0, 0.5], [True, True]))
-    )
-    path = tmp_path / "decisions" / "t.parquet"
-    write_parquet(path, read_parquet(path).take([1, 0]))
-    with pytest.raises(ResultsError, match="decision times must increase"):
-        read_outcome(tmp_path, "t")
 
 
 @pytest.mark.parametrize(

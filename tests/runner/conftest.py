@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,11 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 MakeSuite = Callable[..., Suite]
 
 
+def _sourced(entry: DetectorEntry) -> DetectorEntry:
+    """Say where parameters come from, unless the entry does itself."""
+    return entry if entry.source or entry.sources else replace(entry, source="by hand")
+
+
 @pytest.fixture(scope="session")
 def make_suite(fakes: Path, logs: Path) -> MakeSuite:
     def make(
@@ -48,7 +54,7 @@ def make_suite(fakes: Path, logs: Path) -> MakeSuite:
         given: dict[str, Any] = {
             "name": "fakes",
             "seed": 1,
-            "seeds": (1,),
+            "windows": 1,
             "warm_up_s": 10.0,
             "duration_s": 20.0,
             "target_far_per_hour": 3.5,
@@ -58,7 +64,7 @@ def make_suite(fakes: Path, logs: Path) -> MakeSuite:
                 AttackEntry(entry, entry) if isinstance(entry, str) else entry for entry in attacks
             ),
             "detectors": tuple(
-                DetectorEntry(entry, entry) if isinstance(entry, str) else entry
+                DetectorEntry(entry, entry) if isinstance(entry, str) else _sourced(entry)
                 for entry in detectors
             ),
         }

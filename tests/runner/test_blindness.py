@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from spoofbench.decisions import Outcomes
 from spoofbench.recording import Recording
-from spoofbench.results import read_outcome, read_tasks
+from spoofbench.results import read_tasks
 from spoofbench.runner import run
 from spoofbench.runner.blind import BlindReader, BlindWriter
 from spoofbench.suite import AttackEntry, DetectorEntry, RecordingEntry, Suite, TaskLimits
@@ -35,7 +36,7 @@ def spy_on(
         [DetectorEntry("spy", "spy", {"words_backwards": tuple(word[::-1] for word in words)})],
         [AttackEntry("telling-attack", "nudge")],
         name="telling-suite",
-        seeds=(987654321987,),
+        seed=987654321987,
         limits=TaskLimits(time_s=120.0, memory_mb=1024),
     )
     entry = RecordingEntry("telling-recording", copy, "telling-session")
@@ -63,7 +64,7 @@ def test_the_spy_finds_what_is_there(make_suite: MakeSuite, logs: Path, tmp_path
 def test_a_missing_kind_does_not_tell_an_attack(make_suite: MakeSuite, tmp_path: Path) -> None:
     run(make_suite(["opportunist"]), tmp_path)
     alerts = {
-        task.attack: read_outcome(tmp_path, task.task_id).decisions.alert.all()
+        task.attack: Outcomes(tmp_path).decisions("drive-1", task.task_id).alert.all()
         for task in read_tasks(tmp_path)
     }
     assert alerts == {None: True, "nudge": True}

@@ -90,15 +90,14 @@ def planned(given: dict[str, Any]) -> tuple[PlannedTask, PlannedTask]:
         "attacks": (attack.entry,),
         "detectors": (detector.entry,),
     }
-    suite = Suite("any", 1, (given["seed"],), 0.0, 1.0, 1.0, limits, **entries)
+    suite = Suite("any", given["seed"], 1.0, 1.0, limits=limits, **entries)
     info = RecordingInfo(
         given["digest"],
         (given["donor"],),
         frozenset({"gnss/pvt"}),
-        {given["seed"]: Interval(*given["window"])},
-        {},
+        windows=(Interval(*given["window"]),),
     )
-    clean, attacked = plan(suite, recording, info, [attack], [detector])
+    clean, attacked = plan(suite, {recording.id: info}, [attack], [detector])
     return clean, attacked
 
 
@@ -183,23 +182,12 @@ def test_a_plugin_of_the_core_has_the_core_s_code() -> None:
 
 def test_why_a_recording_is_unreadable_is_an_input() -> None:
     suite = Suite(
-        "any",
-        1,
-        (1,),
-        0.0,
-        1.0,
-        1.0,
-        TaskLimits(),
-        (RecordingEntry("r", Path("any"), "r"),),
-        (),
-        (DetectorEntry("d", "d"),),
+        "any", 1, 1.0, 1.0, (RecordingEntry("r", Path("any"), "r"),), (DetectorEntry("d", "d"),)
     )
     detector = configured(suite.detectors[0], plugins.DETECTORS, "0", "1")
     lost = RecordingInfo(None, failure=("failed", "lost"))
-    (one,) = plan(suite, suite.recordings[0], lost, [], [detector])
-    (other,) = plan(
-        suite, suite.recordings[0], replace(lost, failure=("failed", "damaged")), [], [detector]
-    )
+    (one,) = plan(suite, {"r": lost}, [], [detector])
+    (other,) = plan(suite, {"r": replace(lost, failure=("failed", "damaged"))}, [], [detector])
     assert one.id != other.id
 
 

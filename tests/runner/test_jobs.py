@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from spoofbench import plugins
-from spoofbench.results import read_outcome, read_tasks
+from spoofbench.decisions import Outcomes
+from spoofbench.results import read_tasks
 from spoofbench.runner import run
 from spoofbench.runner.jobs import (
     DescriptionJob,
@@ -51,10 +52,14 @@ def test_jobs_by_hand_give_what_a_run_gives(
     assert json.loads(json.dumps(said)) == {
         "status": "ok",
         "parameters": {"scale": 0.1},
+        "changed": [],
         "requires": ["gnss/pvt"],
         "uses": [],
         "memory_s": 0.0,
+        "warm_up_s": 0.0,
         "baseline": False,
+        "is_trainable": False,
+        "learns_from_attacks": False,
     }
     nudge = {"id": "nudge", "plugin": "nudge", "parameters": {}}
     recording = through_json(
@@ -63,22 +68,20 @@ def test_jobs_by_hand_give_what_a_run_gives(
             path=str(logs / "drive-1.mcap"),
             donors=(),
             attacks=(nudge,),
-            seeds=suite.seeds,
-            suite_seed=suite.seed,
-            warm_up_s=suite.warm_up_s,
+            seed=suite.seed,
+            first_s=10.0,
             duration_s=suite.duration_s,
+            gap_s=suite.memory_cap_s,
+            windows=1,
             memory_mb=2048,
         )
     )
     asking, info = survey_recording(recording)
     assert asking == {"status": "asking", "attack": "nudge"}
-    assert info["windows"]["1"] == (
-        tasks["nudge"].window_start_ns,
-        tasks["nudge"].window_end_ns,
-    )
+    assert info["windows"] == [(tasks["nudge"].window_start_ns, tasks["nudge"].window_end_ns)]
     variants = [
         through_json(VariantJob("clean", "1")),
-        through_json(VariantJob("nudged", "0", "nudge", "nudge", info["windows"]["1"], 1)),
+        through_json(VariantJob("nudged", "0", "nudge", "nudge", info["windows"][0])),
     ]
     made = list(make_variants(recording, variants, tmp_path / "by-hand", tmp_path / "material"))
     assert [record["status"] for record in made] == ["ok", "ok"]
@@ -91,7 +94,7 @@ def test_jobs_by_hand_give_what_a_run_gives(
     loaded, *ran = run_detector(detector, tmp_path / "material")
     assert loaded == ({"status": "ok"}, None)
     for (record, decisions), attack in zip(ran, ("nudge", None), strict=True):
-        outcome: Any = read_outcome(tmp_path / "results", tasks[attack].task_id)
+        outcome: Any = Outcomes(tmp_path / "results").of("drive-1").get(tasks[attack].task_id)
         assert record["status"] == outcome.status == "ok"
         assert decisions is not None
         np.testing.assert_array_equal(decisions.score, outcome.decisions.score)
@@ -102,7 +105,7 @@ def test_a_job_says_in_plain_records_what_went_wrong(
 ) -> None:
     suite = make_suite(["steady"])
     recording = RecordingJob(
-        "drive-1", str(logs / "drive-1.mcap"), (), (), suite.seeds, 1, 10.0, 20.0, 2048
+        "drive-1", str(logs / "drive-1.mcap"), (), (), suite.seed, 10.0, 20.0, 130.0, 1, 2048
     )
     assert [record["status"] for record in survey_recording(recording)] == ["ok"]
     (made,) = make_variants(recording, [VariantJob("clean", "0")], tmp_path, tmp_path / "material")

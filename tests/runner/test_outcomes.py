@@ -7,18 +7,22 @@ import re
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from spoofbench import codec
+from spoofbench.decisions import Outcomes
 from spoofbench.detector import detect
 from spoofbench.errors import PluginError, ResultsError, SuiteError
 from spoofbench.recording import Recording
-from spoofbench.results import Task, read_outcome, read_parquet, read_tasks, read_truth
+from spoofbench.results import Task, read_parquet, read_tasks, read_truth
 from spoofbench.runner import run
-from spoofbench.suite import AttackEntry, DetectorEntry, Suite, TaskLimits
+from spoofbench.suite import AttackEntry, DetectorEntry, RecordingEntry, Suite, TaskLimits
+from spoofbench.testing.recordings import drive, spoofed_drive
 
 MakeSuite = Callable[..., Suite]
 HOSTILE = ("raises", "sleeps", "eats", "exits", "segfaults", "garbage", "unimportable", "scribbles")
@@ -65,7 +69,7 @@ def test_every_task_has_a_row_in_the_order_of_the_suite(hostile: Path) -> None:
     scores = read_parquet(hostile / "scores.parquet").to_pylist()
     assert [row["task_id"] for row in scores] == [task.task_id for task in tasks]
     for task in tasks:
-        outcome = read_outcome(hostile, task.task_id)
+        outcome = Outcomes(hostile).of(task.recording).get(task.task_id)
         assert outcome is not None
         assert (outcome.status, outcome.reason) == (task.status, task.reason)
 
@@ -112,7 +116,7 @@ def test_neighbours_of_hostile_detectors_are_intact(hostile: Path, logs: Path, f
     expected = detect(plugins.make(plugins.DETECTORS, "steady"), codec.read(logs / "drive-1.mcap"))
     for name in ("steady-first", "steady-last", "prints", "hungry", "strays"):
         assert rows(hostile, name) == {("ok", None)}
-        outcome = read_outcome(hostile, by_detector(hostile)[name][0].task_id)
+        outcome = Outcomes(hostile).of("drive-1").get(by_detector(hostile)[name][0].task_id)
         assert outcome is not None
         assert outcome.decisions is not None
         np.testing.assert_array_equal(outcome.decisions.time_ns, expected.time_ns)
@@ -186,41 +190,40 @@ def test_an_attack_that_fails_costs_its_own_tasks(make_suite: MakeSuite, tmp_pat
     assert scores["stumbles"]["detection_pct"] is None, "without truth there is nothing to measure"
 
 
-def test_a_recording_that_cannot_be_read_costs_its_own_tasks(
-    make_suite: MakeSuite, logs: Path, tmp_path: Path
+@pytest.mark.parametrize("what", ["gone", "damaged", "attacked already", "with an attacked donor"])
+def test_a_recording_that_cannot_be_read_stops_the_run_before_the_first_task(
+    make_suite: MakeSuite, logs: Path, tmp_path: Path, what: str
 ) -> None:
-    (tmp_path / "damaged.mcap").write_bytes((logs / "drive-1.mcap").read_bytes()[:5000])
-    recordings = {
-        "gone": tmp_path / "none.mcap",
-        "damaged": tmp_path / "damaged.mcap",
-        "whole": logs / "drive-2.mcap",
-    }
-    run(make_suite(["steady"], recordings=recordings), tmp_path / "results")
-    tasks = read_tasks(tmp_path / "results")
-    assert [(task.recording, task.status) for task in tasks] == [
-        *[("gone", "failed")] * 2,
-        *[("damaged", "failed")] * 2,
-        *[("whole", "ok")] * 2,
-    ]
-    assert len({task.task_id for task in tasks}) == 6
-    assert all(
-        task.reason and "\n" not in task.reason and str(tmp_path) not in task.reason
-        for task in tasks[:4]
+    path = tmp_path / "log.mcap"
+    if what == "damaged":
+        path.write_bytes((logs / "drive-1.mcap").read_bytes()[:5000])
+    elif what != "gone":
+        codec.write(spoofed_drive(1), path)
+    donors = ("bad",) if what == "with an attacked donor" else ()
+    suite = make_suite(["steady"])
+    entries = (
+        RecordingEntry("whole", logs / "drive-2.mcap", "monday", donors=donors),
+        RecordingEntry("bad", path, "tuesday"),
     )
+    with pytest.raises(SuiteError) as failure:
+        run(replace(suite, recordings=entries), tmp_path / "results")
+    said = str(failure.value)
+    assert "'bad'" in said or "'whole'" in said
+    assert "\n" not in said
+    assert not (tmp_path / "results" / "tasks.parquet").exists()
+    assert not (tmp_path / "results" / "truth").exists()
+    # nothing is there yet that would have to be resumed
+    run(make_suite(["steady"]), tmp_path / "results")
 
 
-def test_a_recording_that_takes_too_long_costs_its_own_tasks(
+def test_a_recording_that_takes_too_long_stops_the_run(
     make_suite: MakeSuite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     os.mkfifo(tmp_path / "endless.mcap")
     monkeypatch.setattr("spoofbench.runner.execution._PREPARING", 0.05)
-    run(
-        make_suite(["steady"], recordings={"endless": tmp_path / "endless.mcap"}),
-        tmp_path / "results",
-    )
-    assert rows(tmp_path / "results", "steady") == {
-        ("failed", "reading the recording: it took longer than 1 s")
-    }
+    suite = make_suite(["steady"], recordings={"endless": tmp_path / "endless.mcap"})
+    with pytest.raises(SuiteError, match="reading the recording: it took longer than 1 s"):
+        run(suite, tmp_path / "results")
 
 
 @pytest.mark.parametrize("memory_mb", [256, 1024, 2048])
@@ -261,38 +264,76 @@ def test_what_is_not_there_is_skipped_and_what_is_removed_is_not_modelled(
     }
 
 
-def test_attacks_of_one_seed_share_their_window_after_the_warm_up(
-    make_suite: MakeSuite, logs: Path, tmp_path: Path
+@pytest.mark.parametrize("asked", [None, 2, 99])
+def test_windows_are_shared_disjoint_and_after_the_warm_up(
+    make_suite: MakeSuite, tmp_path: Path, asked: int | None
 ) -> None:
+    codec.write(drive(1, 300.0), tmp_path / "long.mcap")
     attacks = [
         AttackEntry("nudge", "nudge"),
         AttackEntry("replay", "replay", {"delay_s": 30.0}),
         AttackEntry("drag-off", "drag-off"),
     ]
-    suite = make_suite(["steady"], attacks, seeds=(1, 2, 3), warm_up_s=15.0)
+    suite = make_suite(
+        ["steady"],
+        attacks,
+        recordings={"long": tmp_path / "long.mcap"},
+        windows=asked,
+        warm_up_s=15.0,
+        memory_cap_s=40.0,
+    )
     run(suite, tmp_path / "results")
-    span = codec.read(logs / "drive-1.mcap").span
+    span = codec.read(tmp_path / "long.mcap").span
     windows: dict[int, set[tuple[int, int]]] = {}
     for task in read_tasks(tmp_path / "results"):
-        if (
-            task.seed is not None
-            and task.window_start_ns is not None
-            and task.window_end_ns is not None
-        ):
-            windows.setdefault(task.seed, set()).add((task.window_start_ns, task.window_end_ns))
+        if task.window is not None:
+            assert task.window_start_ns is not None
+            assert task.window_end_ns is not None
+            windows.setdefault(task.window, set()).add((task.window_start_ns, task.window_end_ns))
             (truth,) = read_truth(tmp_path / "results", task.variant_id).intervals
             assert task.window_start_ns <= truth.start_ns < truth.end_ns <= task.window_end_ns
-    assert sorted(windows) == [1, 2, 3]
-    assert all(len(window) == 1 for window in windows.values()), (
-        "all attacks of a seed share one window"
-    )
-    assert len({next(iter(window)) for window in windows.values()}) == 3, (
-        "seeds have windows of their own"
-    )
-    for ((start_ns, end_ns),) in windows.values():
-        assert start_ns >= span.start_ns + 30e9
-        assert end_ns <= span.end_ns
-        assert end_ns - start_ns == 20e9
+    assert all(len(shared) == 1 for shared in windows.values()), "all attacks share a window"
+    room_s = (span.end_ns - span.start_ns) / 1e9 - 30.0
+    fit = int((room_s + 40.0) // (20.0 + 40.0))
+    assert sorted(windows) == list(range(1, (2 if asked == 2 else fit) + 1))
+    drawn = [next(iter(windows[number])) for number in sorted(windows)]
+    assert drawn[0][0] >= span.start_ns + 30e9
+    assert drawn[-1][1] <= span.end_ns
+    assert all(end_ns - start_ns == 20e9 for start_ns, end_ns in drawn)
+    assert all(after - end_ns >= 40e9 for (_, end_ns), (after, _) in pairwise(drawn))
+
+
+def test_a_recording_without_room_has_its_attacks_skipped(
+    make_suite: MakeSuite, logs: Path, tmp_path: Path
+) -> None:
+    suite = make_suite(["steady"], warm_up_s=1000.0)
+    run(suite, tmp_path / "results")
+    found = {task.attack: (task.status, task.reason) for task in read_tasks(tmp_path / "results")}
+    assert found[None] == ("ok", None)
+    assert found["nudge"][0] == "skipped"
+    assert "too few for an attack of 20 s" in (found["nudge"][1] or "")
+
+
+def test_where_parameters_come_from_must_be_said(make_suite: MakeSuite, tmp_path: Path) -> None:
+    suite = make_suite(["steady"], [])
+    bare = replace(suite, detectors=(DetectorEntry("mine", "steady", {"scale": 0.2}),))
+    with pytest.raises(SuiteError, match=r"'mine': scale is not .* default .* add source ="):
+        run(bare, tmp_path / "results")
+    for entry in (
+        DetectorEntry("default", "steady", {"scale": 0.1}),
+        DetectorEntry("said", "steady", {"scale": 0.2}, "published"),
+        DetectorEntry("said-each", "steady", {"scale": 0.2}, sources={"scale": "data sheet"}),
+    ):
+        run(replace(suite, detectors=(entry,)), tmp_path / entry.id)
+    sources = {
+        name: read_tasks(tmp_path / name)[0].parameter_sources
+        for name in ("default", "said", "said-each")
+    }
+    assert sources == {
+        "default": "{}",
+        "said": '{"scale":"published"}',
+        "said-each": '{"scale":"data sheet"}',
+    }
 
 
 def test_a_rate_that_the_suite_leaves_open_is_its_target(

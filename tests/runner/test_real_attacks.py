@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from spoofbench import codec
+from spoofbench.errors import SuiteError
 from spoofbench.recording import Interval, Recording
 from spoofbench.results import read_tasks, read_truth
 from spoofbench.runner import run
@@ -46,12 +47,10 @@ def test_it_is_judged_by_its_labels_and_not_attacked_again(
     make_suite: MakeSuite, spoofed: Path, tmp_path: Path
 ) -> None:
     run(make_suite(["steady"], recordings={"spoofed": spoofed}), tmp_path / "results")
-    tasks = {task.attack: task for task in read_tasks(tmp_path / "results")}
-    assert tasks["nudge"].status == "skipped"
-    assert tasks["nudge"].reason is not None
-    assert "really attacked" in tasks["nudge"].reason
-    assert tasks[None].status == "ok"
-    truth = read_truth(tmp_path / "results", tasks[None].variant_id)
+    (task,) = read_tasks(tmp_path / "results")
+    assert (task.attack, task.provenance, task.status) == ("as recorded", "real attack", "ok")
+    assert (task.window, task.calibrates) == (None, False)
+    truth = read_truth(tmp_path / "results", task.variant_id)
     assert truth.intervals == (ATTACKED,)
     np.testing.assert_array_equal(
         truth.reviewed, ATTACKED.covers(truth.time_ns) | CLEAN.covers(truth.time_ns)
@@ -62,11 +61,11 @@ def test_it_lends_no_signals(
     make_suite: MakeSuite, logs: Path, spoofed: Path, tmp_path: Path
 ) -> None:
     entries = (
-        RecordingEntry("drive-1", logs / "drive-1.mcap", "monday", ("spoofed",)),
+        RecordingEntry("drive-1", logs / "drive-1.mcap", "monday", donors=("spoofed",)),
         RecordingEntry("spoofed", spoofed, "tuesday"),
     )
-    reasons = _reasons(replace(make_suite(["steady"]), recordings=entries), tmp_path)
-    assert any("'spoofed.mcap' was really attacked; leave it out" in text for text in reasons)
+    with pytest.raises(SuiteError, match=r"'spoofed\.mcap' is attacked; a donor must be clean"):
+        run(replace(make_suite(["steady"]), recordings=entries), tmp_path / "results")
 
 
 def test_what_spoofbench_attacked_is_still_refused(make_suite: MakeSuite, tmp_path: Path) -> None:
@@ -76,11 +75,5 @@ def test_what_spoofbench_attacked_is_still_refused(make_suite: MakeSuite, tmp_pa
         recording.replace({"/truth/attack": recording["/truth/attack"].replace(provenance=None)}),
         path,
     )
-    (reason,) = _reasons(make_suite(["steady"], recordings={"variant": path}), tmp_path)
-    assert "'variant.mcap' is attacked already" in reason
-
-
-def _reasons(suite: Suite, folder: Path) -> set[str]:
-    """Why tasks of a suite are not ok."""
-    run(suite, folder / "results")
-    return {task.reason for task in read_tasks(folder / "results") if task.reason is not None}
+    with pytest.raises(SuiteError, match=r"'variant\.mcap' is attacked already"):
+        run(make_suite(["steady"], recordings={"variant": path}), tmp_path / "results")

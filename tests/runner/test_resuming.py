@@ -11,13 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from spoofbench.results import read_parquet, read_tasks
+from spoofbench.decisions import OutcomeLog, OutcomeReader
+from spoofbench.results import TaskOutcome, read_parquet, read_tasks
 from spoofbench.runner import run
 from spoofbench.suite import AttackEntry, DetectorEntry, Suite
 
 MakeSuite = Callable[..., Suite]
 Start = Callable[[Suite, Path], "subprocess.Popen[str]"]
 PATIENCE_S = 60.0
+END_OF_STREAM = b"\xff\xff\xff\xff\0\0\0\0"
 needs_proc = pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc")
 
 SCRIPT = """
@@ -116,13 +118,37 @@ def start(tmp_path: Path) -> Iterator[Start]:
 
 
 def decided(folder: Path) -> int:
-    return len(list((folder / "decisions").glob("*.parquet")))
+    """How many tasks have an outcome while a run is under way."""
+    log = folder / "decisions" / "unsorted.arrows"
+    return log.read_bytes().count(END_OF_STREAM) if log.exists() else 0
+
+
+def log_of(folder: Path) -> bytes:
+    return (folder / "decisions" / "unsorted.arrows").read_bytes()
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The tasks that get an outcome from now on."""
+    ids: list[str] = []
+    add = OutcomeLog.add
+
+    def counting(log: OutcomeLog, task_id: str, outcome: TaskOutcome) -> None:
+        ids.append(task_id)
+        add(log, task_id, outcome)
+
+    monkeypatch.setattr(OutcomeLog, "add", counting)
+    return ids
 
 
 @needs_proc
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_and_resumed_run_equals_an_unbroken_one(
-    slow: Suite, unbroken: Path, start: Start, tmp_path: Path, number: signal.Signals
+    slow: Suite,
+    unbroken: Path,
+    start: Start,
+    tmp_path: Path,
+    number: signal.Signals,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     broken = tmp_path / "broken"
     process = start(slow, broken)
@@ -133,11 +159,18 @@ def test_a_killed_and_resumed_run_equals_an_unbroken_one(
     assert family
     until(lambda: not any(alive(pid) for pid in family))
     until(lambda: not list((tmp_path / "temporary").iterdir()))
-    done = {path: path.stat().st_ino for path in (broken / "decisions").glob("[!.]*.parquet")}
+    done = {
+        task.task_id
+        for task in read_tasks(unbroken)
+        if OutcomeLog(broken).status(task.task_id) is not None
+    }
     assert 3 <= len(done) < len(read_tasks(unbroken))
-    (broken / "decisions" / f".{'0' * 64}.parquet.part").write_bytes(b"cut short")
+    with (broken / "decisions" / "unsorted.arrows").open("ab") as log:
+        log.write(log_of(broken)[:200])
+    (broken / "decisions" / ".drive-1.parquet.part").write_bytes(b"cut short")
+    again = counted(monkeypatch)
     run(slow, broken, workers=1, resume=True)
-    assert {path: path.stat().st_ino for path in done} == done, "what was done is not done again"
+    assert not done & set(again), "what was done is not done again"
     assert contents(broken) == contents(unbroken)
     assert len(read_parquet(broken / "costs.parquet")) == len(read_tasks(broken))
 
@@ -241,4 +274,4 @@ def test_a_changed_recording_is_run_anew(make_suite: MakeSuite, logs: Path, tmp_
     run(suite, tmp_path / "results", resume=True)
     second = {task.task_id for task in read_tasks(tmp_path / "results")}
     assert not first & second
-    assert {path.stem for path in (tmp_path / "results" / "decisions").iterdir()} == second
+    assert set(OutcomeReader(tmp_path / "results" / "decisions" / "log.parquet")) == second

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from spoofbench.decisions import OutcomeLog
 from spoofbench.detector import Decisions
 from spoofbench.recording import Interval
 from spoofbench.results import (
@@ -16,7 +17,6 @@ from spoofbench.results import (
     Task,
     TaskOutcome,
     Truth,
-    write_outcome,
     write_run,
     write_tasks,
     write_truth,
@@ -30,23 +30,40 @@ EPOCHS = 200
 TASK = Task(
     task_id="",
     variant_id="",
+    role="judged",
     recording="drive",
     session="drive",
+    sensor_class="car",
+    provenance="injected",
+    is_fused=False,
+    kinds='["gnss/pvt","imu"]',
     attack=None,
+    attack_group=None,
+    attack_plugin=None,
     attack_parameters=None,
+    strength=None,
+    window=None,
     window_start_ns=None,
     window_end_ns=None,
-    seed=None,
+    calibration_start_ns=None,
+    calibration_end_ns=None,
+    judged_start_ns=0,
+    held_out="[]",
+    left_out=None,
+    fit_id=None,
     detector="",
     plugin="plugin",
     plugin_distribution="a-distribution",
     plugin_version="1",
     parameters="{}",
+    parameter_sources="{}",
+    input_class="gnss",
     requires="[]",
     memory_s=0.0,
+    warm_up_s=0.0,
+    learns_from_attacks=False,
     baseline=False,
     hold_s=None,
-    target_far_per_hour=1.0,
     status="ok",
     reason=None,
 )
@@ -83,8 +100,19 @@ class Bench:
     """A results folder in the making; seconds on its axis are epochs."""
 
     path: Path
-    thresholds: str | None = "published"
+    suite: dict[str, Any] = field(
+        default_factory=lambda: {
+            "name": "bench",
+            "target_far_per_hour": 1.0,
+            "alert_limit_m": None,
+            "time_to_alert_s": 0.0,
+            "warm_up_s": None,
+            "ranks_fused": [],
+            "calibration": None,
+        }
+    )
     tasks: list[Task] = field(default_factory=list)
+    outcomes: dict[str, TaskOutcome] = field(default_factory=dict)
 
     def add(
         self,
@@ -94,21 +122,33 @@ class Bench:
         *,
         alerts: Sequence[int] | range = (),
         unavailable: Sequence[int] | range = (),
+        decisions: Decisions | None = None,
+        level: float = 2.0,
         status: Status = "ok",
         epochs: int = EPOCHS,
         **about: Any,
     ) -> None:
-        """Add one task; an alert's score is 2, silence's 0.5."""
+        """Add one task; an alert's score is the level, silence's 0.5."""
         windows = [] if attack is None else [window]
         task_id = f"t{len(self.tasks)}"
         variant_id = f"{about.get('recording', 'drive')}-{attack}-{window[0]}-{window[1]}"
-        write_truth(self.path, variant_id, truth_of(windows, epochs))
+        write_truth(self.path, variant_id, truth_of(windows, epochs), ["gnss/pvt", "imu"])
         score, available = np.full(epochs, 0.5), np.ones(epochs, bool)
-        score[list(alerts)], available[list(unavailable)] = 2.0, False
+        score[list(alerts)], available[list(unavailable)] = level, False
         reason = None if status == "ok" else f"it is {status}"
-        decisions = Decisions(np.arange(epochs) * S, score, available) if status == "ok" else None
-        write_outcome(self.path, task_id, TaskOutcome(status, reason, decisions))
-        known: Mapping[str, Any] = {"seed": None if attack is None else 0, **about}
+        made = decisions or Decisions(np.arange(epochs) * S, score, available)
+        self.outcomes[task_id] = TaskOutcome(status, reason, made if status == "ok" else None)
+        known: Mapping[str, Any] = about
+        if attack is not None:
+            known = {
+                "attack_group": attack,
+                "attack_plugin": attack,
+                "attack_parameters": "{}",
+                "window": 1,
+                "window_start_ns": window[0] * S,
+                "window_end_ns": window[1] * S,
+                **about,
+            }
         task = replace(
             TASK,
             task_id=task_id,
@@ -120,10 +160,19 @@ class Bench:
         )
         self.tasks.append(replace(task, **known))
 
+    def write(self) -> None:
+        """Write all but the scores."""
+        log, by_recording = OutcomeLog(self.path), dict[str, list[str]]()
+        for task in self.tasks:
+            log.add(task.task_id, self.outcomes[task.task_id])
+            by_recording.setdefault(task.recording, []).append(task.task_id)
+        log.sort(by_recording)
+        write_tasks(self.path, self.tasks)
+        write_run(self.path, {"suite": self.suite})
+
     def score(self) -> list[dict[str, Any]]:
         """Score the folder and return the rows of scores.parquet."""
-        write_tasks(self.path, self.tasks)
-        write_run(self.path, {} if self.thresholds is None else {"thresholds": self.thresholds})
+        self.write()
         score_folder(self.path)
         return self.rows("scores")
 
