@@ -128,9 +128,11 @@ class Thresholds:
         return self._curve(_key(task), is_fitted=task.fit_id is not None)
 
     def class_curve(self, detector: str, sensor_class: str) -> EpisodeCurve | None:
-        """Return that of all sessions of a class; None where there is none, and of fitted ones."""
+        """Return that of all sessions of a class; None where there is none, and where a recording
+        has several: of a fitted detector, whose states differ in what was held out.
+        """
         clean = self._clean.get((detector, sensor_class), [])
-        if not clean or any(each.task.fit_id is not None for each in clean):
+        if not clean or len({each.task.variant_id for each in clean}) < len(clean):
             return None
         return total(each.curve for each in clean)
 
