@@ -1,5 +1,6 @@
 """A results folder is scored from its files alone, row by row, failures included."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,21 +10,10 @@ import pytest
 
 from spoofbench.detector import Decisions
 from spoofbench.errors import ResultsError
-from spoofbench.results import TaskOutcome, read_truth, write_outcome, write_truth
-from spoofbench.scoring.score import SCORE_SCHEMA, score_folder
+from spoofbench.results import read_truth, write_truth
+from spoofbench.scoring.score import score_folder
 
 S = 1_000_000_000
-FIRST_COLUMNS = """
-recording attack seed detector status reason far_per_hour far_per_hour_lo far_per_hour_hi far_epoch
-alert_fraction detection_pct detection_pct_available ttfd_s detected availability
-position_error_at_detection_m
-"""
-
-
-def test_columns_come_in_the_documented_order(bench: Any) -> None:
-    assert SCORE_SCHEMA.names[:17] == FIRST_COLUMNS.split()
-    bench.add("d")
-    assert list(bench.score()[0]) == SCORE_SCHEMA.names
 
 
 def test_an_unattacked_task_has_false_alerts_and_no_detection(bench: Any) -> None:
@@ -40,7 +30,6 @@ def test_an_unattacked_task_has_false_alerts_and_no_detection(bench: Any) -> Non
         "detection_pct_available",
         "ttfd_s",
         "detected",
-        "position_error_at_detection_m",
         "partial_auc",
     ):
         assert row[name] is None, name
@@ -48,13 +37,12 @@ def test_an_unattacked_task_has_false_alerts_and_no_detection(bench: Any) -> Non
 
 
 def test_alerts_between_epochs_are_false_alerts_too(bench: Any) -> None:
-    bench.add("d")
     between = Decisions(
         np.arange(0, 400) * 500_000_000,
         np.where(np.isin(np.arange(400), [41, 201]), 2.0, 0.5),
         np.ones(400, bool),
     )
-    write_outcome(bench.path, "t0", TaskOutcome("ok", None, between))
+    bench.add("d", decisions=between)
     (row,) = bench.score()
     assert (row["episodes"], row["far_epoch"], row["availability"]) == (2, 0.0, 1.0)
 
@@ -76,8 +64,7 @@ def test_an_attacked_task_has_detection_and_no_false_alerts(bench: Any) -> None:
     assert row["detection_pct"] == pytest.approx(100 * 40 / 60)
     assert row["detection_pct_available"] == 80
     assert (row["detected"], row["ttfd_s"]) == (True, 10)
-    assert row["position_error_at_detection_m"] == 11
-    assert row["largest_undetected_position_error_m"] == 60
+    assert (row["placebo_pct"], row["placebo_detected"]) == (0, False)
     assert row["partial_auc"] == pytest.approx(40 / 60, abs=0.01)
     for name in (
         "far_per_hour",
@@ -90,18 +77,9 @@ def test_an_attacked_task_has_detection_and_no_false_alerts(bench: Any) -> None:
         assert row[name] is None, name
     (event,) = bench.rows("events")
     assert (event["start_ns"], event["length_s"], event["ttfd_s"]) == (100_000_000_000, 60, 10)
-
-
-def test_the_largest_undetected_error_is_that_without_an_alert(bench: Any) -> None:
-    bench.add("d", "replay", alerts=[*range(110, 120), *range(130, 160)])
-    bench.add("d", "replay", alerts=range(100, 160))
-    some, none = bench.score()
-    assert some["largest_undetected_position_error_m"] == 30
-    assert none["largest_undetected_position_error_m"] is None
-    assert [event["largest_undetected_position_error_m"] for event in bench.rows("events")] == [
-        30,
-        None,
-    ]
+    assert event["position_error_at_detection_m"] == event["largest_error_before_alert_m"] == 11
+    assert event["largest_error_while_silent_m"] == 60
+    assert (event["persisted_s"], event["alerted_share"]) == (40, pytest.approx(40 / 60))
 
 
 @pytest.mark.parametrize("status", ["failed", "timeout", "out_of_memory"])
@@ -130,7 +108,8 @@ def test_a_failure_is_a_miss(bench: Any, status: str) -> None:
 def test_what_could_not_be_tried_is_null(bench: Any, status: str) -> None:
     bench.add("d", "replay", status=status)
     (row,) = bench.score()
-    known = {"recording", "attack", "seed", "detector", "status", "reason", "task_id", "session"}
+    known = {"task_id", "point", "factor", "role", "recording", "session", "sensor_class"}
+    known |= {"provenance", "attack", "attack_group", "window", "detector", "status", "reason"}
     assert {name for name, value in row.items() if value is not None} == known
     assert bench.rows("events") == []
 
@@ -162,28 +141,36 @@ def test_an_attack_in_the_unattacked_recording_is_neither_clean_nor_within_the_g
 
 
 @pytest.mark.parametrize(
-    ("hold_s", "pct", "available_pct"), [(None, 20, 100), (4.0, 50, 100), (20.0, 100, 100)]
+    ("hold_s", "pct", "available_pct"),
+    [(1.1, 20, 100), (4.0, 50, 100), (20.0, 100, 100), (None, 100, 100)],
 )
 def test_a_hold_keeps_a_slow_detector_available(
     bench: Any, hold_s: float | None, pct: float, available_pct: float
 ) -> None:
-    bench.add("d", "replay", hold_s=hold_s)
     slow = Decisions(np.arange(0, 200, 10) * 1_000_000_000, np.full(20, 2.0), np.ones(20, bool))
-    write_outcome(bench.path, "t0", TaskOutcome("ok", None, slow))
+    bench.add("d", "replay", hold_s=hold_s, decisions=slow)
     (row,) = bench.score()
     assert row["detection_pct"] == pytest.approx(pct)
     assert row["detection_pct_available"] == pytest.approx(available_pct)
     assert row["availability"] == pytest.approx(pct / 100)
 
 
-def test_same_folder_same_bytes(bench: Any) -> None:
+def test_a_copied_folder_gives_the_same_bytes(
+    bench: Any, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    tmp_path = tmp_path_factory.mktemp("elsewhere")
     bench.add("d", "replay", alerts=[110])
     bench.add("d")
     bench.score()
-    names = ("scores.parquet", "events.parquet")
-    before = [(bench.path / name).read_bytes() for name in names]
-    score_folder(bench.path)
-    assert [(bench.path / name).read_bytes() for name in names] == before
+    made = ("scores", "events", "calibration", "curves", "transfer")
+    before = {name: (bench.path / f"{name}.parquet").read_bytes() for name in made}
+    copy = tmp_path / "copy"
+    shutil.copytree(bench.path, copy)
+    for name in made:
+        (copy / f"{name}.parquet").unlink()
+    for folder in (bench.path, copy):
+        score_folder(folder)
+        assert {name: (folder / f"{name}.parquet").read_bytes() for name in made} == before
 
 
 def test_rows_keep_the_order_of_the_tasks(bench: Any) -> None:
@@ -200,8 +187,8 @@ def test_a_damaged_folder_is_said_in_one_sentence(bench: Any, tmp_path: Path) ->
         score_folder(tmp_path / "nowhere")
     bench.add("d")
     bench.score()
-    (bench.path / "decisions" / "t0.parquet").unlink()
-    with pytest.raises(ResultsError, match="task 't0' is ok but"):
+    (bench.path / "decisions" / "drive.parquet").unlink()
+    with pytest.raises(ResultsError, match=r"drive\.parquet is damaged"):
         score_folder(bench.path)
     next((bench.path / "truth").iterdir()).unlink()
     with pytest.raises(ResultsError, match="cannot be read"):

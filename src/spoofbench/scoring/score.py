@@ -211,12 +211,10 @@ class _Reading:
         unattacked = [task for task in self.tasks if task.calibrates]
         unattacked.sort(key=lambda task: (task.recording, task.variant_id))
         for variant_id, group in groupby(unattacked, lambda task: task.variant_id):
-            if not has_truth(self.folder, variant_id):
-                continue
-            truth = read_truth(self.folder, variant_id)
-            for task in group:
-                if task.status in ("ok", *FAILURES):
-                    yield task, self._trace(task, truth)
+            some = [task for task in group if task.status in ("ok", *FAILURES)]
+            truth = self._truth(variant_id, some)
+            if truth is not None:
+                yield from ((task, self._trace(task, truth)) for task in some)
 
     def judged(self) -> Iterator[tuple[int, Trace, Trace | None]]:
         """Yield the index of each judged task that can be scored, what its detector decided, and
@@ -237,15 +235,26 @@ class _Reading:
         for (name, is_attacked, variant_id), group in groupby(sorted(judged, key=place), place):
             if name != recording:
                 recording, clean = name, {}
-            if not has_truth(self.folder, variant_id):
+            own = list(group)
+            truth = self._truth(variant_id, [self.tasks[index] for index in own])
+            if truth is None:
                 continue
-            truth = read_truth(self.folder, variant_id)
-            for index in group:
+            for index in own:
                 task = self.tasks[index]
                 seen = self._trace(task, truth)
                 if not is_attacked:
                     clean[task.detector] = seen
                 yield index, seen, clean.get(task.detector) if is_attacked else None
+
+    def _truth(self, variant_id: str, tasks: Sequence[Task]) -> Truth | None:
+        """Return the truth of a variant; None where it could not be made, and no task on it is ok.
+
+        Raises:
+            ResultsError: its file is damaged, or is missing although a task on it is ok.
+        """
+        if has_truth(self.folder, variant_id) or any(task.status == "ok" for task in tasks):
+            return read_truth(self.folder, variant_id)
+        return None
 
     def _trace(self, task: Task, truth: Truth) -> Trace:
         decisions = _NEVER_AVAILABLE
