@@ -29,6 +29,7 @@ ORDER = [
     "attacks",
     "detector",
     "results",
+    "decisions",
     "scoring",
     "fetch",
     "suite",

@@ -28,7 +28,7 @@ from spoofbench.runner.jobs import (
 from spoofbench.runner.plan import (
     ConfiguredPlugin,
     Failure,
-    Material,
+    FitMaterial,
     PlannedFit,
     PlannedTask,
     PlannedVariant,
@@ -317,7 +317,7 @@ def fit(
         folder: the results, which know when variants are attacked.
     """
 
-    def teaching(each: Material, *, is_attacked: bool) -> TeachingMaterial:
+    def teaching(each: FitMaterial, *, is_attacked: bool) -> TeachingMaterial:
         variant = each.variant
         intervals = read_truth(folder, variant.id).intervals if is_attacked else ()
         return TeachingMaterial(

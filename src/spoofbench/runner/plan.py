@@ -121,7 +121,7 @@ class PlannedVariant:
 
 
 @dataclass(frozen=True, slots=True)
-class Material:
+class FitMaterial:
     """A part of a variant that a detector is fitted on."""
 
     variant: PlannedVariant
@@ -134,8 +134,8 @@ class PlannedFit:
 
     id: str
     detector: ConfiguredPlugin
-    clean: tuple[Material, ...]
-    attacked: tuple[Material, ...]
+    clean: tuple[FitMaterial, ...]
+    attacked: tuple[FitMaterial, ...]
     withheld: frozenset[str]
 
 
@@ -372,9 +372,9 @@ class _Planner:
             if self._split.until_s:
                 part = Interval(part.start_ns, _middle_ns(part))
             unattacked, *variants = self.variants[recording.id]
-            clean.append(Material(unattacked, part))
+            clean.append(FitMaterial(unattacked, part))
             attacked += [
-                Material(variant, self.infos[recording.id].span)
+                FitMaterial(variant, self.infos[recording.id].span)
                 for variant in variants
                 if self._may_teach(detector, variant, unseen)
             ]
@@ -559,7 +559,7 @@ def _middle_ns(part: Interval) -> int:
     return part.start_ns + (part.end_ns - part.start_ns) // 2
 
 
-def _named(material: Material) -> list[Any]:
+def _named(material: FitMaterial) -> list[Any]:
     return [material.variant.id, material.part.start_ns, material.part.end_ns]
 
 

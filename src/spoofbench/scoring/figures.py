@@ -103,9 +103,10 @@ def figures(clean: Columns, faced: Columns) -> Figures:
     """Return the figures of one detector at one operating point.
 
     Args:
-        clean: its scores on recordings that have false-alert rates, as ``scores.parquet``.
-        faced: an attack interval of the support per row, as ``events.parquet``; NaN where the
-            detector has no result, which is a miss.
+        clean: its scores on recordings that have false-alert rates, as ``scores.parquet``,
+            columns ``(n,)``.
+        faced: an attack interval of the support per row, as ``events.parquet``, columns ``(m,)``;
+            NaN where the detector has no result, which is a miss.
     """
     hits: Bools = faced["detected"] == 1
     length_s = faced["length_s"]
