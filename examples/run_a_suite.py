@@ -13,7 +13,7 @@ from spoofbench import api
 SUITE = """
 name = "example"
 seed = 1
-seeds = [1, 2]
+windows = 2
 warm_up_s = 30.0
 duration_s = 30.0
 target_far_per_hour = 1.0
@@ -42,9 +42,10 @@ if __name__ == "__main__":
     suite.write_text(SUITE.format(recording=recording.resolve()))
     api.run(suite, results)
 
-    print(api.leaderboard(results).iloc[:, :4].to_string())
+    board = api.leaderboard(results)
+    print(board[["rank", "detected", "attacks", "far_per_hour"]].to_string())
 
-    # Everything is a Parquet file: one row per task, one per attack, decisions per task.
+    # Everything is a Parquet file: one row per task, one per attack, decisions per recording.
     scores = pd.read_parquet(results / "scores.parquet")
     attacked = scores[scores["attack"].notna()]
     print(attacked.pivot_table("detection_pct", "detector", "attack").to_string())

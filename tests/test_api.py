@@ -10,6 +10,7 @@ from spoofbench import api
 from spoofbench.attacks.synthetic import DragOff
 from spoofbench.codec import write
 from spoofbench.errors import SpoofbenchError
+from spoofbench.results import read_tasks
 from spoofbench.schema import TRUTH_TOPIC
 from spoofbench.table import Column, Table
 from spoofbench.testing import drive
@@ -17,7 +18,7 @@ from spoofbench.testing import drive
 SUITE = """
 name = "one"
 seed = 1
-seeds = [1]
+windows = 1
 warm_up_s = 60.0
 duration_s = 60.0
 target_far_per_hour = 1.0
@@ -29,6 +30,15 @@ name = "drag-off"
 [[detectors]]
 name = "correlation"
 """
+EVENT = (
+    "alerted_share",
+    "persisted_s",
+    "retrust_s",
+    "position_error_at_detection_m",
+    "largest_error_before_alert_m",
+    "largest_error_while_silent_m",
+)
+"""Of an attack interval: columns of ``events.parquet``."""
 
 
 def test_a_table_becomes_a_frame_with_its_absences() -> None:
@@ -55,15 +65,17 @@ def test_evaluate_is_what_a_run_scores(tmp_path: Path) -> None:
     (tmp_path / "one.toml").write_text(SUITE)
     api.run(tmp_path / "one.toml", tmp_path / "results")
     rows = pd.read_parquet(tmp_path / "results" / "scores.parquet")
-    attacked = rows[rows["attack"].notna()].iloc[0]
+    (event,) = pd.read_parquet(tmp_path / "results" / "events.parquet").to_dict("records")
+    attacked = rows[rows["attack"].notna()].iloc[0].to_dict() | {n: event[n] for n in EVENT}
     unattacked = rows[rows["attack"].isna()].iloc[0]
 
-    tasks = pd.read_parquet(tmp_path / "results" / "tasks.parquet")
-    window = tasks[tasks["attack"].notna()].iloc[0]
-    start_s = (window["window_start_ns"] - clean.span.start_ns) / 1e9
+    (window_ns,) = (
+        task.window_start_ns for task in read_tasks(tmp_path / "results") if task.window_start_ns
+    )
+    start_s = (window_ns - clean.span.start_ns) / 1e9
     variant = api.make_variant(clean, "drag-off", start_s=start_s, duration_s=60.0, seed=1)
     scores = api.evaluate("correlation", variant, clean)
-    for name in ("detection_pct", "ttfd_s", "availability", "position_error_at_detection_m"):
+    for name in ("detection_pct", "ttfd_s", "availability", *EVENT):
         known = np.nan if scores[name] is None else scores[name]
         assert known == pytest.approx(attacked[name], nan_ok=True), name
     false = api.evaluate("correlation", clean)
@@ -71,8 +83,10 @@ def test_evaluate_is_what_a_run_scores(tmp_path: Path) -> None:
         assert false[name] == pytest.approx(unattacked[name]), name
 
     board = api.leaderboard(tmp_path / "results")
-    assert board.index.tolist() == ["correlation"]
-    assert board["detection_pct"].iloc[0] == pytest.approx(attacked["detection_pct"])
+    assert board.index.tolist() == [("injected", "gnss+imu", "correlation")]
+    (row,) = board.to_dict("records")
+    assert row["detection_pct"] == pytest.approx(attacked["detection_pct"])
+    assert (row["point"], row["attacks"]) == ("published", 1)
 
 
 def test_without_the_clean_recording_position_errors_are_unknown() -> None:
@@ -80,7 +94,8 @@ def test_without_the_clean_recording_position_errors_are_unknown() -> None:
     scores = api.evaluate("always", variant)
     assert scores["detection_pct"] > 90.0
     assert scores["position_error_at_detection_m"] is None
-    assert scores["largest_undetected_position_error_m"] is None
+    assert scores["largest_error_before_alert_m"] is None
+    assert scores["largest_error_while_silent_m"] is None
 
 
 def test_an_instance_is_as_good_as_a_name() -> None:

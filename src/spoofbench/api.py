@@ -236,7 +236,10 @@ def run(suite: str | Path, results: str | Path, *, resume: bool = False) -> None
 
 
 def leaderboard(results: str | Path) -> pd.DataFrame:
-    """Return the leaderboard of a results folder, one row per detector, best first.
+    """Return the leaderboard of a results folder: its tables one after the other, best rows first.
+
+    The index is provenance, input class and detector. Figures are those of the table's operating
+    point where a row has it, ``point``, else those at the published threshold.
 
     Raises:
         ResultsError: the folder has no results, or damaged ones.
@@ -245,8 +248,15 @@ def leaderboard(results: str | Path) -> pd.DataFrame:
 
     from spoofbench.scoring.leaderboard import leaderboard as ranked
 
-    rows = [dataclasses.asdict(row) for row in ranked(Path(results)).rows]
-    return pd.DataFrame(rows).set_index("detector")
+    rows = []
+    for table in ranked(Path(results)).tables:
+        for row in table.rows:
+            about = dataclasses.asdict(row)
+            del about["ranked"], about["published"]
+            place = {"provenance": table.provenance, "input_class": table.input_class}
+            point = table.point if row.ranked else "published"
+            rows.append(place | about | {"point": point} | dataclasses.asdict(row.shown))
+    return pd.DataFrame(rows).set_index(["provenance", "input_class", "detector"])
 
 
 def _detector(detector: str | Detector, parameters: dict[str, Any]) -> Detector:

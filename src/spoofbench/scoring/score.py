@@ -175,7 +175,8 @@ def score_decisions(
     """Return what ``scores.parquet`` says of one task's decisions, at their own threshold; unknown
     is None.
 
-    Where the truth has no attack, the false alerts are given, else what was detected.
+    Where the truth has no attack, the false alerts are given, else what was detected, and what
+    ``events.parquet`` says of the first attack interval.
 
     Args:
         decisions: of one detector on one recording.
@@ -189,7 +190,9 @@ def score_decisions(
     row = _alerts(seen, np.ones(truth.time_ns.size, bool))
     if not truth.intervals:
         return row | _false_alerts(seen, seen.clean(memory_s))
-    return row | _detection(seen, None, seen.events(truth.intervals), [])
+    found = seen.events(truth.intervals)
+    first = _event(seen, found[0], None, None, Rules(0.0, None, 0.0))
+    return row | first | _detection(seen, None, found, [])
 
 
 def _points(thresholds: Thresholds, task: Task) -> Iterator[tuple[Point, float]]:
