@@ -21,11 +21,14 @@ from benchmarks.agreement.logs import logs
 from benchmarks.agreement.ours import REFERENCE_DATE
 from benchmarks.fuzz.seeds import made
 from spoofbench.conversion import convert
+from spoofbench.decisions import Outcomes
 from spoofbench.demo import demonstrate
 from spoofbench.errors import SpoofbenchError
 
 SUFFIXES = {"nmea": ".nmea", "ubx": ".ubx", "phone": ".txt", "table": ".csv", "rosbag": ".bag"}
-LEFT_OUT = ("task_id", "variant_id", "reason")
+LEFT_OUT = ("task_id", "variant_id", "fit_id", "reason")
+PLACE = ("role", "recording", "attack", "window", "held_out", "left_out", "detector")
+"""What names a task, whatever its id."""
 
 
 def converted(data: Path, folder: Path) -> Iterator[tuple[str, str]]:
@@ -58,19 +61,24 @@ def _digest_of(path: Path, folder: Path, form: str | None, options: Mapping[str,
 
 
 def demonstrated(folder: Path) -> Iterator[tuple[str, str]]:
-    """Yield the digests of the decisions and of the scores of every task of the demo."""
+    """Yield the digests of the demo's results."""
     demonstrate(folder, None, lambda _: lambda _: None)
-    results = folder / "results"
+    yield from of_results(folder / "results")
+
+
+def of_results(results: Path) -> Iterator[tuple[str, str]]:
+    """Yield the digests of the decisions and scores of every task, and of what sums them up."""
     tasks = pq.read_table(results / "tasks.parquet").to_pylist()
-    names = {}
+    names, outcomes = {}, Outcomes(results)
     for task in tasks:
-        name = "/".join(str(task[key]) for key in ("recording", "attack", "seed", "detector"))
+        name = "/".join(str(task[key]) for key in PLACE)
         names[task["task_id"]] = name
-        path = results / "decisions" / f"{task['task_id']}.parquet"
-        table = pq.read_table(path)
-        content = hashlib.sha256(f"{table.column_names} {task['status']}".encode())
-        for column in table.columns:
-            content.update(json.dumps(column.to_pylist()).encode())
+        outcome = outcomes.of(task["recording"]).get(task["task_id"])
+        content = hashlib.sha256(task["status"].encode())
+        if outcome and outcome.decisions:
+            made = outcome.decisions
+            for array in (made.time_ns, made.score, made.available):
+                content.update(array.tobytes())
         yield f"decisions/{name}", content.hexdigest()
     for file in ("scores", "events"):
         rows: dict[str, list[object]] = {}
@@ -79,6 +87,12 @@ def demonstrated(folder: Path) -> Iterator[tuple[str, str]]:
             rows.setdefault(name, []).append({k: v for k, v in row.items() if k not in LEFT_OUT})
         for name, found in sorted(rows.items()):
             yield f"{file}/{name}", hashlib.sha256(json.dumps(found).encode()).hexdigest()
+    for file in ("calibration", "curves", "transfer"):
+        whole = [
+            {k: v for k, v in row.items() if k not in LEFT_OUT}
+            for row in pq.read_table(results / f"{file}.parquet").to_pylist()
+        ]
+        yield file, hashlib.sha256(json.dumps(whole).encode()).hexdigest()
 
 
 def main() -> int:

@@ -186,7 +186,7 @@ def walks(root: Path) -> Iterator[tuple[str, int, int]]:
         yield "attacked variant", *walk(root, "attack", str(recording), *attack, "-o", variant)
         suite = folder / "one.toml"
         suite.write_text(
-            'name = "one"\nseed = 1\nseeds = [1]\nwarm_up_s = 60.0\nduration_s = 60.0\n'
+            'name = "one"\nseed = 1\nwindows = 1\nwarm_up_s = 60.0\nduration_s = 60.0\n'
             'target_far_per_hour = 1.0\n[[recordings]]\nid = "r"\npath = "long.mcap"\n'
             '[[attacks]]\nname = "drag-off"\n[[detectors]]\nname = "always"\n'
         )
