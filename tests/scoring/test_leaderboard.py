@@ -1,26 +1,34 @@
-"""The leaderboard: who stands above whom, and what is pooled how."""
+"""The leaderboard: what is compared with what, who stands above whom, and what is pooled how."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from scipy import stats
 
 from spoofbench.errors import ResultsError
-from spoofbench.results import FAILURES, TASK_SCHEMA, write_parquet, write_run, write_tasks
-from spoofbench.scoring.leaderboard import Leaderboard, leaderboard
-from spoofbench.scoring.metrics import false_alert_rate
-from spoofbench.scoring.score import EVENT_SCHEMA, SCORE_SCHEMA
-from spoofbench.scoring.statistics import proportion, session_interval, survival_curve
+from spoofbench.results import FAILURES, write_run, write_tasks
+from spoofbench.scoring.leaderboard import BoardTable, Leaderboard, LeaderboardRow, leaderboard
+from spoofbench.scoring.statistics import survival_curve
+
+WINDOW_S = 60.0
 
 
 def ranked(bench: Any) -> Leaderboard:
     bench.score()
     return leaderboard(bench.path)
+
+
+def only_table(bench: Any) -> BoardTable:
+    (table,) = ranked(bench).tables
+    return table
+
+
+def rows(bench: Any) -> dict[str, LeaderboardRow]:
+    return {row.detector: row for row in only_table(bench).rows}
 
 
 def add(
@@ -34,45 +42,44 @@ def test_rows_that_keep_the_target_come_first_then_detection_then_time(bench: An
     everywhere = range(200)
     add(bench, "always", everywhere, everywhere)
     add(bench, "late", [], range(130, 160))
-    add(bench, "early", [], range(100, 130))
-    add(bench, "better", [], range(125, 160))
+    add(bench, "early", [], range(100, 101))
+    add(bench, "noisy", range(0, 200, 20), range(101, 160))
     add(bench, "never", [], [])
-    bench.add("crashes", status="failed")
-    bench.add("crashes", "replay", alerts=everywhere)
-    bench.add("blind", status="skipped")
-    board = ranked(bench)
-    assert [row.detector for row in board.rows] == [
-        "better",
-        "early",
-        "late",
-        "never",
-        "always",
-        "crashes",
-        "blind",
-    ]
-    assert [row.rank for row in board.rows] == [1, 2, 3, 4, 5, 6, None]
-    assert [row.keeps_target for row in board.rows] == [True, True, True, True, False, None, None]
-    assert board.target_far_per_hour == 1
+    table = only_table(bench)
+    assert [row.detector for row in table.rows] == ["early", "late", "never", "noisy", "always"]
+    assert [row.rank for row in table.rows] == [1, 2, 3, 4, 5]
+    assert [row.keeps_target for row in table.rows] == [True, True, True, False, False]
+
+
+def test_the_share_of_alerted_epochs_never_ranks(bench: Any) -> None:
+    """A latch alerts longer, not more."""
+    add(bench, "latch", [], range(111, 160))
+    add(bench, "short", [], range(110, 112))
+    assert [row.detector for row in only_table(bench).rows] == ["short", "latch"]
 
 
 def test_one_false_alert_in_a_short_recording_does_not_prove_that_the_target_is_exceeded(
     bench: Any,
 ) -> None:
-    add(bench, "once", [50], range(100, 160), target_far_per_hour=1.0)
-    (row,) = ranked(bench).rows
-    assert row.far_per_hour == pytest.approx(18)
-    assert row.far_per_hour_lo == pytest.approx(stats.chi2.ppf(0.025, 2) / 2 * 18)
+    add(bench, "once", [50], range(100, 160))
+    row = rows(bench)["once"]
+    assert row.published.far_per_hour == pytest.approx(18)
+    assert row.published.far_per_hour_lo == pytest.approx(stats.chi2.ppf(0.025, 2) / 2 * 18)
     assert row.keeps_target is True
 
 
 def test_equals_share_a_rank(bench: Any) -> None:
     for detector in ("a", "b", "c"):
         add(bench, detector, [], range(110, 160) if detector != "c" else [])
-    assert [(row.detector, row.rank) for row in ranked(bench).rows] == [
-        ("a", 1),
-        ("b", 1),
-        ("c", 3),
-    ]
+    assert {name: row.rank for name, row in rows(bench).items()} == {"a": 1, "b": 1, "c": 3}
+
+
+def test_a_class_of_one_row_has_no_rank(bench: Any) -> None:
+    add(bench, "mine", [], range(110, 160))
+    add(bench, "never", [], [], baseline=True)
+    found = rows(bench)
+    assert (found["mine"].rank, found["mine"].apart) == (None, "the only row of its class")
+    assert (found["never"].rank, found["never"].apart) == (None, "")
 
 
 def test_false_alerts_are_pooled_by_time(bench: Any) -> None:
@@ -85,94 +92,191 @@ def test_false_alerts_are_pooled_by_time(bench: Any) -> None:
         session="two",
         epochs=400,
     )
-    (row,) = ranked(bench).rows
-    assert row.far_per_hour == pytest.approx((2 + 2) / (300 / 3600))
-    assert row.far_floor_per_hour == pytest.approx(3 / (300 / 3600))
-    assert row.far_epoch == pytest.approx((2 + 100) / 300)
-    assert row.availability == 0.5
+    figures = rows(bench)["d"].published
+    assert figures.far_per_hour == pytest.approx((2 + 2) / (300 / 3600))
+    assert figures.far_floor_per_hour == pytest.approx(3 / (300 / 3600))
+    assert figures.alarm_share == pytest.approx((2 + 100) / 300)
+    assert figures.availability == 0.5
 
 
-def test_misses_times_and_failures(bench: Any) -> None:
-    for seed, hits in enumerate([range(102, 160), range(130, 160), [], range(110, 160)]):
-        bench.add("d", "replay", alerts=hits, seed=seed)
-    bench.add("d", "replay", status="timeout", seed=4)
-    bench.add("d", "drag-off", status="not_modelled")
-    bench.add("d", "meacon", status="skipped")
-    board = ranked(bench)
-    (row,) = board.rows
-    assert (row.ok, row.failed, row.not_modelled, row.skipped) == (4, 1, 1, 1)
-    assert row.detection_pct == pytest.approx(100 * (58 + 30 + 0 + 50 + 0) / 60 / 5)
-    assert (row.detected, row.events, row.p_md) == (3, 5, 0.4)
-    assert (row.p_md_lo, row.p_md_hi) == (None, None), (
-        "windows on one recording are not independent"
-    )
-    interval = stats.binomtest(2, 5).proportion_ci(0.95, "exact")
-    (cell,) = (cell for cell in board.cells if cell.attack == "replay")
-    assert (cell.p_md_lo, cell.p_md_hi) == pytest.approx((interval.low, interval.high))
-    assert (row.ttfd_median_s, row.ttfd_p90_s) == (30, None)
-    assert row.restricted_mean_ttfd_s == pytest.approx((2 + 30 + 60 + 10 + 60) / 5)
-    assert row.position_error_at_detection_m == 11
-    assert row.largest_undetected_position_error_m == 60
-    assert (row.far_per_hour, row.far_epoch, row.availability, row.partial_auc) == (
-        None,
-        None,
-        None,
-        None,
-    )
-    assert [(cell.attack, cell.detection_pct, cell.p_md, cell.events) for cell in board.cells] == [
-        ("replay", row.detection_pct, 0.4, 5),
-        ("drag-off", None, None, 0),
-        ("meacon", None, None, 0),
+def test_who_has_no_result_on_a_cell_of_the_support_has_missed_it(bench: Any) -> None:
+    """Whatever became of it: failed, timed out, ran out of memory, skipped or never available."""
+    fates = ("ok", "failed", "timeout", "out_of_memory", "skipped")
+    for number, fate in enumerate(fates):
+        place = {"recording": f"r{number}", "session": f"s{number}"}
+        add(bench, "whole", [], range(110, 160), **place)
+        bench.add("lazy", **place)
+        bench.add("lazy", "replay", alerts=range(100, 160), status=fate, **place)
+        bench.add("blind", unavailable=range(200), **place)
+        bench.add("blind", "replay", alerts=range(200), unavailable=range(200), **place)
+    table = only_table(bench)
+    assert [(row.detector, row.rank) for row in table.rows] == [
+        ("whole", 1),
+        ("lazy", 2),
+        ("blind", 3),
     ]
-    assert (board.cells[1].not_modelled, board.cells[2].skipped) == (1, 1)
+    _, lazy, blind = table.rows
+    assert (lazy.published.detected, lazy.published.attacks) == (1, 5)
+    assert lazy.published.restricted_mean_ttfd_s == pytest.approx(4 * WINDOW_S / 5)
+    assert lazy.published.detection_pct == pytest.approx(20)
+    assert (lazy.failed, lazy.skipped, lazy.ok) == (3, 1, 6)
+    assert (blind.published.detected, blind.published.availability) == (0, 0)
+    assert table.windows == 5
 
 
-@pytest.mark.parametrize(("sessions", "known"), [(4, False), (5, True)])
-def test_detection_has_an_interval_from_five_sessions_on(
-    bench: Any, sessions: int, known: bool
+def test_a_window_that_nobody_was_scored_on_is_faced_by_all_or_none(bench: Any) -> None:
+    """All detectors failed on it: all have missed it, where the variant was made."""
+    for detector in ("a", "b"):
+        add(bench, detector, [], range(110, 160))
+        bench.add(detector, "meacon", status="skipped")
+    assert {row.published.attacks for row in rows(bench).values()} == {2}
+    tasks = [replace(t, kinds=None) if t.attack == "meacon" else t for t in bench.tasks]
+    bench.tasks[:] = tasks
+    assert {row.published.attacks for row in rows(bench).values()} == {1}
+
+
+def test_a_row_that_requires_more_stands_apart(bench: Any) -> None:
+    """It is judged on the windows that have what it requires, and has no rank among the others."""
+    poor = {"kinds": '["gnss/pvt"]', "recording": "poor", "session": "poor"}
+    for detector in ("a", "b", "wants-more"):
+        requires = '["gnss/integrity"]' if detector == "wants-more" else '["gnss/pvt"]'
+        rich = {"kinds": '["gnss/integrity","gnss/pvt"]', "requires": requires}
+        add(bench, detector, [], range(100, 160), **rich)
+        if detector == "wants-more":
+            bench.add(detector, status="skipped", **poor, requires=requires)
+            bench.add(detector, "replay", status="skipped", **poor, requires=requires)
+        else:
+            add(bench, detector, [], range(120, 160), **poor, requires=requires)
+    found = rows(bench)
+    assert (found["a"].rank, found["b"].rank) == (1, 1)
+    assert found["wants-more"].rank is None
+    assert found["wants-more"].apart.startswith("judged on 1 of 2 windows: it requires more")
+
+
+def test_what_was_not_modelled_is_no_part_of_the_support_of_who_looks_at_it(bench: Any) -> None:
+    for detector in ("a", "b"):
+        about = {"input_class": "gnss+signal"}
+        kinds = '["gnss/pvt","gnss/signal"]'
+        bench.add(detector, kinds=kinds, **about)
+        bench.add(detector, "replay", alerts=range(110, 160), kinds=kinds, **about)
+        bench.add(detector, "drag-off", kinds='["gnss/pvt"]', status="not_modelled", **about)
+    for name in ("x", "y"):
+        bench.add(name, kinds='["gnss/pvt","gnss/signal"]')
+        bench.add(name, "replay", kinds='["gnss/pvt","gnss/signal"]')
+        bench.add(name, "drag-off", kinds='["gnss/pvt"]', alerts=[110])
+    signal, plain = ranked(bench).tables
+    assert (signal.input_class, signal.windows, signal.attacks) == ("gnss+signal", 1, ("replay",))
+    assert (plain.input_class, plain.windows, plain.attacks) == ("gnss", 2, ("replay", "drag-off"))
+    assert {row.detector for row in signal.rows} == {"a", "b"}
+    assert {row.detector for row in plain.rows} == {"x", "y"}
+
+
+def test_provenances_are_never_averaged(bench: Any) -> None:
+    for detector in ("a", "b"):
+        add(bench, detector, [], range(110, 160))
+        place = {"recording": "sim", "session": "sim", "provenance": "simulated"}
+        add(bench, detector, [20, 60], [], **place)
+        bench.add(
+            detector,
+            "as recorded",
+            alerts=[10, *range(100, 160)],
+            recording="real",
+            session="real",
+            provenance="real attack",
+        )
+    real, injected, simulated = ranked(bench).tables
+    assert [t.provenance for t in (real, injected, simulated)] == [
+        "real attack",
+        "injected",
+        "simulated",
+    ]
+    assert [t.rows[0].published.detected for t in (real, injected, simulated)] == [1, 1, 0]
+    assert [t.rows[0].published.episodes for t in (real, injected, simulated)] == [1, 1, 2]
+    assert real.rows[0].published.placebo_attacks == 0, "it has no clean twin"
+
+
+@pytest.mark.parametrize("said", [False, True])
+def test_fused_positions_are_not_ranked_against_an_imu_unless_the_suite_says_so(
+    bench: Any, said: bool
 ) -> None:
-    for number in range(sessions):
+    bench.suite["ranks_fused"] = ["phone"] if said else []
+    for detector in ("a", "b"):
+        about = {"input_class": "gnss+imu"}
+        add(bench, detector, [], range(110, 160), **about)
+        fused = {"recording": "phone", "session": "phone", "sensor_class": "phone"}
+        add(bench, detector, [20], [], is_fused=True, **fused, **about)
+    for detector in ("x", "y"):
+        add(bench, detector, [], range(110, 160))
+        add(bench, detector, [20], [], is_fused=True, **fused)
+    held, plain = ranked(bench).tables
+    assert (held.windows, plain.windows) == (2 if said else 1, 2)
+    assert [row.published.episodes for row in held.rows] == [1, 1] if said else [0, 0]
+    words = " ".join(held.notes)
+    assert ("1 recordings are left out" in words) == (not said)
+    assert ("fused with inertial sensors, which hides" in words) == said
+
+
+def test_baselines_of_fewer_inputs_stand_in_the_table_without_a_rank(bench: Any) -> None:
+    for detector in ("a", "b"):
+        add(bench, detector, [], range(110, 160), input_class="gnss+imu")
+    add(bench, "never", [], [], baseline=True)
+    add(bench, "lucky", [], range(105, 160), baseline=True)
+    (table,) = ranked(bench).tables
+    found = {row.detector: row for row in table.rows}
+    assert (found["never"].rank, found["lucky"].rank, found["a"].rank) == (None, None, 1)
+    assert found["a"].not_better_than == found["b"].not_better_than == "lucky"
+
+
+def test_detection_has_an_interval_from_five_sessions_on(bench: Any) -> None:
+    for sessions in range(1, 7):
         bench.add(
             "d",
             "replay",
-            alerts=range(100 + number, 160),
-            recording=f"r{number}",
-            session=f"s{number}",
+            alerts=range(100 + sessions, 160),
+            recording=f"r{sessions}",
+            session=f"s{sessions}",
         )
-    board = ranked(bench)
-    (row,) = board.rows
-    assert board.sessions == board.recordings == sessions
-    assert row.detection_pct is not None
-    if not known:
-        assert (row.detection_pct_lo, row.detection_pct_hi) == (None, None)
-    else:
-        assert row.detection_pct_lo is not None
-        assert row.detection_pct_hi is not None
-        assert row.detection_pct_lo < row.detection_pct < row.detection_pct_hi
+        table = only_table(bench)
+        figures = table.rows[0].published
+        assert table.sessions == table.recordings == sessions
+        assert figures.detection_pct is not None
+        if sessions < 5:
+            assert (figures.detection_pct_lo, figures.detected_share_lo) == (None, None)
+        else:
+            assert figures.detection_pct_lo is not None
+            assert figures.detection_pct_hi is not None
+            assert figures.detection_pct_lo < figures.detection_pct < figures.detection_pct_hi
+            assert figures.detected_share_lo is not None
+            assert figures.detected_share_lo < 1, "five of five are no proof"
 
 
-def test_baselines_are_marked(bench: Any) -> None:
-    add(bench, "never", [], [], baseline=True)
-    add(bench, "mine", [], [110])
-    assert {row.detector: row.baseline for row in ranked(bench).rows} == {
-        "never": True,
-        "mine": False,
-    }
+def test_the_table_says_what_its_evidence_cannot_show(bench: Any) -> None:
+    add(bench, "d", [], range(110, 160))
+    notes = only_table(bench).notes
+    assert notes == (
+        "Thresholds are the published ones: nothing here has set them.",
+        "0.056 clean hours cannot tell a rate of 54 false alerts per hour from none.",
+        (
+            "1 session tells detectors apart on what was recorded; how they do elsewhere, and "
+            "whether the order holds, it takes 5 or more to say."
+        ),
+    )
 
 
-@pytest.mark.parametrize(
-    ("thresholds", "noted"), [("published", True), ("calibrated", False), (None, False)]
-)
-def test_published_thresholds_are_noted(bench: Any, thresholds: str | None, noted: bool) -> None:
-    bench.thresholds = thresholds
-    bench.add("d")
-    assert bool(ranked(bench).note) == noted
+def test_a_row_that_needs_more_input_than_the_suite_gives_stands_apart(bench: Any) -> None:
+    bench.suite["warm_up_s"] = 30.0
+    add(bench, "quick", [], range(110, 160), warm_up_s=30.0)
+    add(bench, "other", [], range(110, 160))
+    add(bench, "slow", [], range(100, 160), warm_up_s=31.0)
+    found = rows(bench)
+    assert (found["quick"].rank, found["other"].rank, found["slow"].rank) == (1, 1, None)
+    assert found["slow"].apart == "it needs 31 s of input, the suite gives 30 s"
 
 
 def test_scores_of_other_tasks_are_refused(bench: Any, tmp_path: Path) -> None:
     bench.add("d")
     bench.score()
-    bench.add("e")
+    bench.tasks[:] = [replace(bench.tasks[0], task_id="another")]
     write_tasks(bench.path, bench.tasks)
     with pytest.raises(ResultsError, match="score it again"):
         leaderboard(bench.path)
@@ -182,169 +286,84 @@ def test_scores_of_other_tasks_are_refused(bench: Any, tmp_path: Path) -> None:
         leaderboard(tmp_path / "empty")
 
 
-Rows = list[dict[str, Any]]
+def random_bench(bench: Any, rng: np.random.Generator) -> None:
+    """Fill a folder with detectors, recordings and attacks, and tasks that went well or not."""
+    statuses = ["ok"] * 5 + ["failed", "timeout", "out_of_memory", "skipped"]
+    detectors, attacks = (f"d{n}" for n in range(rng.integers(1, 4))), range(rng.integers(1, 4))
+    crossing = [(r, a) for r in range(rng.integers(1, 6)) for a in (None, *attacks)]
+    for detector in detectors:
+        for recording, attack in crossing:
+            window = (100, 160) if attack is None else (int(100 + 5 * attack), 130 + 10 * attack)
+            bench.add(
+                detector,
+                None if attack is None else f"a{attack}",
+                window,
+                alerts=np.flatnonzero(rng.random(200) < rng.choice([0, 0.01, 0.1])).tolist(),
+                unavailable=np.flatnonzero(rng.random(200) < 0.1).tolist(),
+                status=str(rng.choice(statuses)),
+                recording=f"r{recording}",
+                session=f"s{recording % 3}",
+            )
 
 
-def random_tables(rng: np.random.Generator, *, ties: bool, gaps: bool) -> tuple[Rows, Rows, Rows]:
-    """Rows of tasks, scores and events of several recordings and sessions, in the order of a run.
-
-    With ``gaps`` tasks fail or are not tried, and figures are unknown here and there.
-    """
-    tasks: Rows = []
-    scores: Rows = []
-    events: Rows = []
-    detectors, attacks, sessions = rng.integers(1, 6), rng.integers(0, 4), rng.integers(1, 8)
-    quality = rng.choice([0.2, 0.8], detectors) if ties else rng.random(detectors)
-    variants = [(None, None), *((f"attack {a}", s) for a in range(attacks) for s in range(2))]
-    statuses = ["ok"] * 6 + ["skipped", "not_modelled", "failed", "timeout", "out_of_memory"]
-
-    def known(value: Any) -> Any:
-        return None if gaps and rng.random() < 0.1 else value
-
-    for recording in range(rng.integers(1, 8)):
-        for attack, seed in variants:
-            length_s = float(rng.choice([60, 120]))
-            for detector in range(detectors):
-                status = str(rng.choice(statuses)) if gaps else "ok"
-                name = {
-                    "task_id": f"t{len(tasks)}",
-                    "recording": f"r{recording}",
-                    "session": f"s{recording % sessions}",
-                    "attack": attack,
-                    "seed": seed,
-                    "detector": f"d{detector}",
-                }
-                tasks.append(
-                    name
-                    | dict.fromkeys(("plugin", "plugin_version", "parameters", "requires"), "p")
-                    | {
-                        "plugin_distribution": "x",
-                        "baseline": False,
-                        "variant_id": f"{recording} {attack} {seed}",
-                    }
-                    | {"memory_s": 0.0, "target_far_per_hour": 1.0, "status": status}
-                )
-                row = name | {"status": status}
-                scores.append(row)
-                if status in ("skipped", "not_modelled"):
-                    continue
-                row |= {"epochs": int(rng.integers(3000)), "availability": known(rng.random())}
-                if attack is None:
-                    hours = float(rng.choice([0.0, rng.random()]))
-                    row |= {"available_clean_h": hours, "episodes": int(rng.poisson(2 * hours))}
-                    row |= {"far_epoch": rng.random() if hours else None}
-                    continue
-                hit = status == "ok" and rng.random() < quality[detector]
-                row |= {"detection_pct": known(100.0 * (hit if ties else rng.random()))}
-                row |= {"partial_auc": known(rng.random())}
-                for _ in range(rng.integers(3) if gaps else 1):
-                    ttfd_s = 10.0 * rng.integers(5) if ties else length_s * rng.random()
-                    events.append(
-                        name
-                        | {"start_ns": 0, "end_ns": 1, "length_s": length_s, "alert_before": False}
-                        | {"detected": hit, "ttfd_s": ttfd_s if hit else None}
-                        | {"position_error_at_detection_m": known(rng.random()) if hit else None}
-                        | {"largest_undetected_position_error_m": known(rng.random())}
-                    )
-    return tasks, scores, events
-
-
-def by_loop(detector: str, attack: str | None, scores: Rows, events: Rows) -> dict[str, Any]:
+def by_loop(bench: Any, detector: str, attack: str | None = None) -> dict[str, Any]:
     """Figures of a detector, or of its cell against one attack, by walking all rows."""
-
-    def of(rows: Rows) -> Rows:
-        rows = [row for row in rows if row["detector"] == detector]
-        return rows if attack is None else [row for row in rows if row["attack"] == attack]
-
-    def values(rows: Rows, name: str) -> list[Any]:
-        return [row[name] for row in rows if row.get(name) is not None]
-
-    def mean(rows: Rows, name: str, weight: str | None = None) -> float | None:
-        rows = [row for row in rows if row.get(name) is not None]
-        weights = [1.0 if weight is None else row[weight] for row in rows]
-        products = [row[name] * w for row, w in zip(rows, weights, strict=True)]
-        return sum(products) / sum(weights) if sum(weights) else None
-
-    own, faced = of(scores), of(events)
-    detected = [event["detected"] for event in faced]
-    curve = survival_curve(
-        [event["ttfd_s"] if event["detected"] else event["length_s"] for event in faced], detected
-    )
-    missed = proportion(len(faced) - sum(detected), len(faced))
+    events = {(e["task_id"], e["start_ns"]): e for e in bench.rows("events")}
+    scores = {row["task_id"]: row for row in bench.rows("scores")}
+    own = [task for task in bench.tasks if task.detector == detector]
+    hits, observed_s, lengths_s, epochs, errors_m = [], [], [], [], []
+    for task in own:
+        if task.attack is None or (attack is not None and task.attack != attack):
+            continue
+        length_s = (task.window_end_ns - task.window_start_ns) / 1e9
+        event = events.get((task.task_id, task.window_start_ns))
+        hit = event is not None and event["detected"]
+        hits.append(hit)
+        lengths_s.append(length_s)
+        observed_s.append(event["ttfd_s"] if event is not None and hit else length_s)
+        epochs.append((task.session, 0.0 if event is None else event["alerted_share"]))
+        if event is not None:
+            errors_m.append(event["largest_error_before_alert_m"])
+    curve = survival_curve(observed_s, np.array(hits))
+    sessions = sorted({session for session, _ in epochs})
+    shares = [np.mean([share for name, share in epochs if name == s]) for s in sessions]
     found = {
-        "detection_pct": mean(own, "detection_pct"),
-        "detected": sum(detected),
-        "events": len(faced),
-        "p_md": missed and missed.value,
+        "detected": sum(hits),
+        "attacks": len(hits),
+        "detection_pct": pytest.approx(100 * np.mean(shares)),
+        "restricted_mean_ttfd_s": pytest.approx(np.mean(observed_s))
+        if len(set(lengths_s)) == 1
+        else curve and curve.restricted_mean_s(max(lengths_s)),
         "ttfd_median_s": curve and curve.quantile_s(0.5),
-        "failed": sum(row["status"] in FAILURES for row in own),
-        **{
-            status: sum(row["status"] == status for row in own)
-            for status in ("ok", "skipped", "not_modelled")
-        },
+        "error_before_alert_median_m": median(errors_m) if errors_m else None,
+        "error_before_alert_largest_m": max(errors_m, default=None),
     }
     if attack is not None:
-        return found | {"p_md_lo": missed and missed.lo, "p_md_hi": missed and missed.hi}
-    clean = [row for row in own if row["attack"] is None and row.get("epochs") is not None]
-    tried = [row for row in own if row.get("detection_pct") is not None]
-    pct_lo, pct_hi = session_interval(values(tried, "detection_pct"), values(tried, "session")) or (
-        None,
-        None,
-    )
-    p_lo, p_hi = session_interval(
-        [not event["detected"] for event in faced], values(faced, "session")
-    ) or (None, None)
-    false = false_alert_rate(
-        sum(values(clean, "episodes")),
-        sum(values(clean, "available_clean_h")),
-        mean(clean, "far_epoch", "available_clean_h"),
-    )
-    longest_s = max(values(events, "length_s"), default=0.0)
-    errors_m = values(faced, "position_error_at_detection_m")
+        return found
+    clean = [scores[task.task_id] for task in own if task.attack is None]
+    hours = sum(row["available_clean_h"] or 0 for row in clean)
+    episodes = sum(row["episodes"] or 0 for row in clean)
     return found | {
-        "detection_pct_lo": pct_lo,
-        "detection_pct_hi": pct_hi,
-        "p_md_lo": p_lo,
-        "p_md_hi": p_hi,
-        "far_per_hour": false.per_hour,
-        "far_per_hour_lo": false.per_hour_lo,
-        "far_per_hour_hi": false.per_hour_hi,
-        "far_floor_per_hour": false.floor_per_hour,
-        "far_epoch": false.epoch,
-        "availability": mean(clean, "availability", "epochs"),
-        "partial_auc": mean(own, "partial_auc"),
-        "restricted_mean_ttfd_s": curve and curve.restricted_mean_s(longest_s),
-        "ttfd_p90_s": curve and curve.quantile_s(0.9),
-        "longest_attack_s": max(values(faced, "length_s"), default=None),
-        "position_error_at_detection_m": median(errors_m) if errors_m else None,
-        "largest_undetected_position_error_m": max(
-            values(faced, "largest_undetected_position_error_m"), default=None
-        ),
+        "episodes": episodes,
+        "clean_h": pytest.approx(hours),
+        "far_per_hour": pytest.approx(episodes / hours) if hours else None,
     }
 
 
-@pytest.mark.parametrize("gaps", [False, True])
-@pytest.mark.parametrize("ties", [False, True])
-@pytest.mark.parametrize("seed", range(5))
-def test_groups_agree_exactly_with_a_loop_over_all_rows(
-    tmp_path: Path, seed: int, ties: bool, gaps: bool
-) -> None:
-    tasks, scores, events = random_tables(np.random.default_rng(seed), ties=ties, gaps=gaps)
-    write_run(tmp_path, {})
-    for name, rows, schema in (
-        ("tasks", tasks, TASK_SCHEMA),
-        ("scores", scores, SCORE_SCHEMA),
-        ("events", events, EVENT_SCHEMA),
-    ):
-        write_parquet(tmp_path / f"{name}.parquet", pa.Table.from_pylist(rows, schema))
-    board = leaderboard(tmp_path)
-    for row in board.rows:
-        expected = by_loop(row.detector, None, scores, events)
-        assert {name: asdict(row)[name] for name in expected} == expected
-    for cell in board.cells:
-        expected = by_loop(cell.detector, cell.attack, scores, events)
-        assert {name: asdict(cell)[name] for name in expected} == expected
-    assert {row.detector for row in board.rows} == {task["detector"] for task in tasks}
-    assert [(cell.detector, cell.attack) for cell in board.cells] == [
-        (row.detector, attack) for row in board.rows for attack in board.attacks
+@pytest.mark.parametrize("seed", range(12))
+def test_figures_agree_with_a_loop_over_all_rows(bench: Any, seed: int) -> None:
+    random_bench(bench, np.random.default_rng(seed))
+    table = only_table(bench)
+    assert {row.detector for row in table.rows} == {task.detector for task in bench.tasks}
+    for index, row in enumerate(table.rows):
+        expected = by_loop(bench, row.detector)
+        assert {name: asdict(row.published)[name] for name in expected} == expected
+        own = [task.status for task in bench.tasks if task.detector == row.detector]
+        assert row.failed == sum(status in FAILURES for status in own)
+        assert (row.ok, row.skipped) == (own.count("ok"), own.count("skipped"))
+        for cell in table.cells_of(index):
+            expected = by_loop(bench, cell.detector, cell.attack)
+            assert {name: asdict(cell.figures)[name] for name in expected} == expected
+    assert [(cell.detector, cell.attack) for cell in table.cells] == [
+        (row.detector, attack) for row in table.rows for attack in table.attacks
     ]
