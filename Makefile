@@ -8,7 +8,7 @@ LOGS ?= $(wildcard ../shared/data)
 
 .PHONY: demo test test-all test-wheels lint bench schema reproduce agreement fuzz
 
-demo: .venv/runtime  ## convert a real drive, attack it, run the detectors, print the leaderboard
+demo: .venv/runtime  ## convert a real drive, attack it, run the detectors, print the leaderboards
 	$(BIN)/spoofbench demo -o demo
 
 # One thread each: threads only slow small matrices down.
@@ -52,8 +52,9 @@ schema: .venv/development  ## regenerate the protobuf modules
 	$(PYTHON) -m venv .venv
 
 .venv/runtime: requirements.txt constraints.txt pyproject.toml $(PLUGINS) | .venv/bin/python
-	@echo "installing spoofbench, its plugins and the drive into .venv (once, about a minute)"
+	@echo "installing spoofbench, its plugins, the drive and the flights into .venv (once, about a minute)"
 	$(PIP) -r requirements.txt
+	$(PIP) --no-deps -c constraints.txt traffic  # for its samples alone
 	@touch $@
 
 .venv/development: requirements-dev.txt .venv/runtime

@@ -60,13 +60,15 @@ def demo(
     ),
     workers: Annotated[Optional[int], typer.Option(help="Tasks at a time.")] = None,  # noqa: UP045
 ) -> None:
-    """Convert, attack, run and report on a real drive."""
+    """Convert, attack, run and report on a real drive and a really spoofed flight."""
     from spoofbench.demo import demonstrate
 
     with progress_bars() as progress:
-        page = demonstrate(out, workers, progress)
+        made = demonstrate(out, workers, progress)
     _leaderboard(out / "results")
-    typer.echo(f"report: {page}")
+    if made.without:
+        complain(made.without)
+    typer.echo(f"report: {made.page}")
 
 
 @app.command()
@@ -182,7 +184,7 @@ def fetch(
             "licence": each.licence,
             "credit": each.credit,
             "title": each.title,
-            "cached": fetching.is_cached(each.name),
+            "cached": fetching.cached_path(each.name).is_file(),
         }
         for each in fetching.recipes().values()
     ]
@@ -384,17 +386,25 @@ def run(
         bool, typer.Option("--retry-failed", help="With --resume, run failed tasks again.")
     ] = False,
 ) -> None:
-    """Run a suite of detectors, and score it.
+    """Run a suite of detectors, and score it; what it has to fetch is fetched first.
 
     Exit code: 0 done, 3 some tasks failed; 1 if the suite cannot be run.
     """
+    from spoofbench.fetch import fetch as fetch_recording
     from spoofbench.results import FAILURES, read_tasks
     from spoofbench.runner import run as run_suite
     from spoofbench.suite import find_suite, load_suite
 
+    loaded = load_suite(find_suite(suite))
+    missing = [each.recipe for each in loaded.recordings if each.recipe and not each.path.exists()]
     with progress_bars() as progress:
+        if missing:
+            step = progress(f"fetch {len(missing)} recordings")
+            for number, name in enumerate(missing, start=1):
+                fetch_recording(name)
+                step(number / len(missing))
         run_suite(
-            load_suite(find_suite(suite)),
+            loaded,
             out,
             workers=workers,
             resume=resume,

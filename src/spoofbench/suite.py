@@ -26,7 +26,8 @@ from a TOML file.
     [[recordings]]
     id = "drive"
     path = "drive.mcap"                # absolute, or relative to this file; or
-    fetch = "drive"                    # the name of a recipe, which says session and class as well
+    fetch = "drive"                    # the name of a recipe, which says session, class and whether
+                                       # it is simulated; the id is the name
     session = "2024-05-01"             # recordings of one outing share it; default: the id
     class = "car-mems"                 # of its sensors; thresholds are fitted within one
     side = "judged"                    # or "calibration", for the split "sides"
@@ -155,7 +156,10 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True)
 class RecordingEntry:
-    """A recording, and the ids of those that attacks on it may take signals from."""
+    """A recording, and the ids of those that attacks on it may take signals from.
+
+    The path of one with a recipe is in the cache, whether or not it has been fetched.
+    """
 
     id: Label
     path: Path
@@ -164,6 +168,7 @@ class RecordingEntry:
     side: Side | None = None
     simulated: bool = False
     donors: Labels = ()
+    recipe: str | None = field(default=None, metadata={"key": "fetch"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -346,8 +351,8 @@ def load_suite(path: Path) -> Suite:
     where = f"suite {path.name!r}"
     table = config.read_toml(path, f"the {where}", SuiteError)
     for entry in _tables(table, "recordings"):
-        if isinstance(name := entry.pop("fetch", None), str):
-            _fetched(entry, name, where)
+        if isinstance(name := entry.get("fetch"), str):
+            _take_up_recipe(entry, name, where)
     for key, origin, heir in (
         ("recordings", "id", "session"),
         ("attacks", "name", "id"),
@@ -370,13 +375,13 @@ def _tables(table: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
     return [each for each in entries if isinstance(each, dict)] if isinstance(entries, list) else []
 
 
-def _fetched(entry: dict[str, Any], name: str, where: str) -> None:
-    """Take up what a recipe knows of its recording, and where that lies."""
-    from spoofbench.fetch import fetched, recipe
+def _take_up_recipe(entry: dict[str, Any], name: str, where: str) -> None:
+    """Take up what a recipe knows of its recording, and where that lies once it is fetched."""
+    from spoofbench.fetch import cached_path, recipe
 
     try:
         known = recipe(name)
-        path = str(fetched(name))
+        path = str(cached_path(name))
     except SpoofbenchError as error:
         raise SuiteError(f"{where}: {error}") from error
     if "path" in entry:
@@ -387,7 +392,7 @@ def _fetched(entry: dict[str, Any], name: str, where: str) -> None:
             "id": name,
             "session": known.session,
             "class": known.sensor_class,
-            "simulated": known.simulated,
+            "simulated": known.simulation is not None,
         }.items()
     }
 

@@ -7,7 +7,7 @@ import pytest
 
 from spoofbench.codec import read
 from spoofbench.errors import SpoofbenchError
-from spoofbench.fetch import cache, fetch, fetched, is_cached, names_of, recipe
+from spoofbench.fetch import cache, cached_path, fetch, names_of, recipe
 from spoofbench.fetch.sources import digest_of_file
 from spoofbench.recording import attacked_intervals
 from tests.fetch.conftest import LOG, Offers, Shelf, said
@@ -23,11 +23,9 @@ def test_a_recording_is_downloaded_once_and_converted_once(
 ) -> None:
     server.files["log.csv"] = LOG
     shelf.offer(f"{{ url = '{server.url('log.csv')}', {said(LOG)} }}")
-    assert not is_cached("commute")
-    with pytest.raises(SpoofbenchError, match="fetch it with: spoofbench fetch commute"):
-        fetched("commute")
+    assert not cached_path("commute").exists()
     path = fetch("commute")
-    assert path == fetched("commute")
+    assert path == cached_path("commute")
     assert path.name == "commute.mcap"
     assert len(read(path)["/gnss0/gnss/pvt"]) == 60
     del server.files["log.csv"]
@@ -190,12 +188,12 @@ def test_a_stale_recording_is_made_again(
     shelf.offer(file)
     first = fetch("commute", [mirror])
     shelf.offer(file, options="{ mapping = 'strapdown_phone', session = 'x' }")
-    assert not is_cached("commute")
+    assert not cached_path("commute").exists()
     second = fetch("commute", [mirror])
     assert read(second).metadata["recording"]["session_id"] == "x"
     assert digest_of_file(first) != digest_of_file(second)
     monkeypatch.setattr(cache, "_code", lambda _: {"spoofbench": "changed"})
-    assert not is_cached("commute")
+    assert not cached_path("commute").exists()
 
 
 def test_labels_are_written_beside_the_rows_and_decide_the_recording(

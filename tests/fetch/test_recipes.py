@@ -6,8 +6,9 @@ import pytest
 
 from spoofbench import plugins
 from spoofbench.errors import ConfigError
-from spoofbench.fetch import recipes
+from spoofbench.fetch import names_of, recipe, recipes
 from spoofbench.fetch.recipe_file import read_recipes
+from spoofbench.labels import read_labels
 from spoofbench.shipped import shipped
 
 FILE = f"{{ url = 'https://example.org/a.csv', size = 3, sha256 = '{'0' * 64}' }}"
@@ -67,13 +68,30 @@ def test_a_shipped_recipe_can_be_followed(name: str) -> None:
 
 def test_one_file_is_one_recording_unless_options_tell_apart() -> None:
     seen: dict[object, str] = {}
-    for recipe in recipes().values():
-        key = (recipe.files, tuple(sorted(recipe.options.items())))
-        assert key not in seen, (recipe.name, seen[key])
-        seen[key] = recipe.name
+    for each in recipes().values():
+        key = (each.files, each.simulation, tuple(sorted(each.options.items())))
+        assert key not in seen, (each.name, seen[key])
+        seen[key] = each.name
 
 
 def test_what_is_shipped_lies_where_it_is_looked_for() -> None:
     assert shipped("recordings.toml").is_file()
     assert list(shipped("suites").glob("*.toml"))
     assert isinstance(shipped("labels"), Path)
+
+
+@pytest.mark.parametrize("suite", ["field-phones", "field-cars", "field-airliner"])
+def test_a_field_suite_names_recipes_and_a_session_has_one_class(suite: str) -> None:
+    names = names_of([suite])
+    assert names
+    classes: dict[str, set[str]] = {}
+    for name in names:
+        classes.setdefault(recipe(name).session, set()).add(recipe(name).sensor_class)
+    assert all(len(found) == 1 for found in classes.values())
+
+
+def test_the_shipped_labels_say_attacked_and_clean() -> None:
+    labels = [each.labels for each in recipes().values() if each.labels]
+    assert labels == ["airliner-spoofed.toml"]
+    states = [label.state for _, label in read_labels(shipped("labels") / labels[0])]
+    assert sorted(states) == ["attacked", "clean", "clean"]

@@ -1,15 +1,16 @@
-"""Recordings of the suites: found or downloaded by recipe, checked, converted into a cache."""
+"""Recordings of the suites: found, downloaded or simulated by recipe, checked, converted into a
+cache.
+"""
 
-from spoofbench.fetch.cache import CACHE_VARIABLE, MIRROR_VARIABLE, fetch, fetched, is_cached
+from spoofbench.fetch.cache import CACHE_VARIABLE, MIRROR_VARIABLE, cached_path, fetch
 from spoofbench.fetch.recipe_file import Recipe, names_of, recipe, recipes
 
 __all__ = [
     "CACHE_VARIABLE",
     "MIRROR_VARIABLE",
     "Recipe",
+    "cached_path",
     "fetch",
-    "fetched",
-    "is_cached",
     "names_of",
     "recipe",
     "recipes",

@@ -8,18 +8,22 @@ recording is never found.
 import hashlib
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import spoofbench
 from spoofbench import config, plugins
+from spoofbench.codec import write
 from spoofbench.conversion import convert
 from spoofbench.errors import SpoofbenchError
-from spoofbench.fetch.recipe_file import Recipe, recipe, wheels
+from spoofbench.fetch.recipe_file import Recipe, Simulation, recipe, wheels
 from spoofbench.fetch.sources import Mirror, Origins, digest_of_file
 from spoofbench.fingerprint import canonical, digest_of, package_digest
 from spoofbench.labels import label_file
+from spoofbench.recording import Recording
 from spoofbench.shipped import shipped
 
 CACHE_VARIABLE = "SPOOFBENCH_CACHE"
@@ -33,6 +37,9 @@ the network.
 _DECISIVE = ("arrays", "codec", "conversion", "gnss_time", "labels", "recording", "schema", "table")
 """The modules of the core that decide a converted recording."""
 
+_SIMULATING = ("testing.motion", "testing.recordings")
+"""Those that decide a simulated one, too."""
+
 
 def cache_folder() -> Path:
     """Return the folder of the cache; it need not exist."""
@@ -44,27 +51,13 @@ def cache_folder() -> Path:
     return Path(pooch.os_cache("spoofbench"))
 
 
-def is_cached(name: str) -> bool:
-    """Whether a recording of a recipe is in the cache.
+def cached_path(name: str) -> Path:
+    """Return the path that a recording of a recipe has in the cache, once it has been fetched.
 
     Raises:
         SpoofbenchError: there is no such recipe.
     """
-    return _place(recipe(name)).is_file()
-
-
-def fetched(name: str) -> Path:
-    """Return the path of a recording in the cache.
-
-    Raises:
-        SpoofbenchError: there is no such recipe, or it has not been fetched.
-    """
-    path = _place(recipe(name))
-    if not path.is_file():
-        raise SpoofbenchError(
-            f"the recording {name!r} is not in the cache; fetch it with: spoofbench fetch {name}"
-        )
-    return path
+    return _place(recipe(name))
 
 
 def fetch(
@@ -98,6 +91,12 @@ def make(
 ) -> None:
     """Make the recording of a recipe; it appears whole or not at all.
 
+    Args:
+        made_by: the recipe.
+        out: the recording to write.
+        origins: where its files are looked for.
+        progress: as of :func:`fetch`.
+
     Raises:
         SpoofbenchError: as :func:`fetch`.
     """
@@ -108,13 +107,16 @@ def make(
         source.mkdir()
         for called, path in found.items():
             (source / called).symlink_to(path.resolve())
-        convert(
-            source if len(found) > 1 else source / made_by.files[0].called,
-            made,
-            format=made_by.format,
-            options=made_by.options,
-            progress=progress,
-        )
+        if made_by.simulation:
+            write(_simulated(made_by.simulation), made)
+        else:
+            convert(
+                source if len(found) > 1 else source / made_by.files[0].called,
+                made,
+                format=made_by.format,
+                options=made_by.options,
+                progress=progress,
+            )
         if made_by.labels:
             label_file(made, _labels(made_by), made)
         made.replace(out)
@@ -134,8 +136,10 @@ def _key(made_by: Recipe) -> str:
         "files": [[file.called, file.sha256] for file in made_by.files],
         "format": made_by.format,
         "options": config.plain(made_by.options),
-        "code": _code(made_by.format),
+        "code": _code(made_by.format) if made_by.files else _simulator(),
     }
+    if made_by.simulation:
+        inputs["simulation"] = asdict(made_by.simulation)
     if made_by.labels:
         inputs["labels"] = digest_of_file(_labels(made_by))
     return hashlib.sha256(canonical(inputs).encode()).hexdigest()
@@ -150,6 +154,19 @@ def _code(converter: str | None) -> dict[str, str]:
     asked = [plugins.find(plugins.CONVERTERS, converter)] if converter else known.values()
     core = digest_of(Path(spoofbench.__file__).parent, _DECISIVE)
     return {"spoofbench": core, **{plugin.name: package_digest(plugin) for plugin in asked}}
+
+
+@cache
+def _simulator() -> dict[str, str]:
+    """Return the digest of the code that computes a recording, and of the library it does it by."""
+    code = digest_of(Path(spoofbench.__file__).parent, (*_DECISIVE, *_SIMULATING))
+    return {"spoofbench": code, "numpy": version("numpy")}
+
+
+def _simulated(simulation: Simulation) -> Recording:
+    from spoofbench.testing.recordings import drive
+
+    return drive(simulation.seed, simulation.duration_s, lag_s=simulation.lag_s)
 
 
 def _mirror(folders: tuple[Path, ...]) -> Mirror | None:

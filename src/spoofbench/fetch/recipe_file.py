@@ -30,6 +30,14 @@ They lie in ``benchmarks/recordings.toml``::
     options = { mapping = "strapdown_phone" }
     labels = "flight.toml"                 # in benchmarks/labels
 
+    [recordings.simulated]                 # instead of files: a drive that never existed
+    title = "Ten minutes of a simulated car"
+    class = "simulated-car"
+    licence = "Apache-2.0"
+    credit = "the authors of spoofbench"
+    vehicle = "car"
+    simulation = { seed = 1, duration_s = 600.0 }
+
 Several files are converted as one folder.
 """
 
@@ -41,7 +49,7 @@ from functools import cache
 from types import MappingProxyType
 from typing import Annotated, Any
 
-from annotated_types import Gt, MinLen, Predicate, doc
+from annotated_types import Ge, Gt, Le, MinLen, Predicate, doc
 
 from spoofbench import config
 from spoofbench.errors import ConfigError, SpoofbenchError
@@ -113,6 +121,17 @@ class RawFile:
 
 
 @dataclass(frozen=True, slots=True)
+class Simulation:
+    """Arguments of :func:`spoofbench.testing.drive`: what the recording is made from instead of
+    files.
+    """
+
+    seed: Annotated[int, Ge(0)]
+    duration_s: Annotated[float, Ge(60), Le(86_400)]
+    lag_s: Annotated[float, Ge(0), Le(10)] = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Recipe:
     """How a recording comes about, and what is known of it.
 
@@ -123,10 +142,10 @@ class Recipe:
         vehicle: what the receiver was on.
         session: recordings of one outing share it.
         files: what it is converted from; several are one folder.
+        simulation: what it is computed from instead.
         format: name of the converter; None: found by content.
         options: of the converter.
         labels: name of a file of ``benchmarks/labels``; None: nothing real attacked it.
-        simulated: whether a simulator made it.
         note: what else whoever uses it has to know.
     """
 
@@ -136,15 +155,17 @@ class Recipe:
     credit: Words
     vehicle: Words
     session: FileName
-    files: Annotated[tuple[RawFile, ...], MinLen(1)]
     name: FileName
+    files: tuple[RawFile, ...] = ()
+    simulation: Simulation | None = None
     format: str | None = None
     options: Mapping[str, str] = field(default_factory=dict)
     labels: FileName | None = None
-    simulated: bool = False
     note: str = ""
 
     def __post_init__(self) -> None:
+        if bool(self.files) == bool(self.simulation):
+            raise ValueError("a recipe needs either 'files' or a 'simulation'")
         called = [file.called for file in self.files]
         if len(set(called)) < len(called):
             raise ValueError("two of the files have one name; give each a 'name' of its own")

@@ -230,8 +230,12 @@ _OFFLINE = "fetch it later, or from a folder that holds it with --from"
 def _cause(error: Exception) -> str:
     """Return the innermost reason, in one line."""
     reason: BaseException = error
-    while reason.args and isinstance(reason.args[-1], BaseException):
-        reason = reason.args[-1]
+    while True:
+        within = [getattr(reason, "reason", None), *reason.args[:1]]  # as urllib3 nests them
+        inner = next((each for each in within if isinstance(each, BaseException)), None)
+        if inner is None:
+            break
+        reason = inner
     return " ".join(str(reason).split()) or type(reason).__name__
 
 

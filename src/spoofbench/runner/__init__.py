@@ -73,6 +73,11 @@ def run(
         for entry in entries:
             plugins.find(group, entry.plugin)
     for recording in suite.recordings:
+        if not recording.path.exists() and recording.recipe:
+            raise SuiteError(
+                f"suite {suite.name!r}: the recording {recording.id!r} is not in the cache; fetch "
+                f"it with: spoofbench fetch {recording.recipe}"
+            )
         if not recording.path.exists():
             raise SuiteError(
                 f"suite {suite.name!r}: there is no file {str(recording.path)!r} for the recording "

@@ -53,6 +53,15 @@ def _columns(rows: list[Any]) -> bytes:
     return str(pd.DataFrame(rows).to_json()).encode()
 
 
+def _parquet(rows: list[Any]) -> bytes:
+    """Return the table as traffic writes it, with times as such."""
+    frame, buffer = pd.DataFrame(rows), io.BytesIO()
+    for name in ("timestamp", "last_position"):
+        frame[name] = pd.to_datetime(frame[name], unit="ms", utc=True)
+    frame.to_parquet(buffer)
+    return buffer.getvalue()
+
+
 def _written(folder: Path, octets: bytes, name: str = "log.json.gz") -> Path:
     path = folder / name
     path.write_bytes(gzip.compress(octets, mtime=0) if name.endswith(".gz") else octets)
@@ -90,6 +99,7 @@ def test_both_layouts_and_text_give_the_same_rows(tmp_path: Path) -> None:
             (_records(rows), "a.json.gz"),
             (_columns(rows), "b.json"),
             (text, "c.csv"),
+            (_parquet(rows), "d.parquet"),
         )
     )
     for other in others:
