@@ -49,6 +49,7 @@ def test_help_fits_80_columns_and_names_every_command(tmp_path: Path) -> None:
         "run",
         "score",
         "report",
+        "compare",
         "plugins",
         "check",
     ):
@@ -102,6 +103,7 @@ def test_help_fits_80_columns_and_names_every_command(tmp_path: Path) -> None:
         (["run", "text.mcap", "-o", "results"], 1),
         (["score", "missing"], 1),
         (["report", "missing", "-o", "site"], 1),
+        (["compare", "missing", "missing"], 1),
         (["check", "nonsense"], 1),
         (["nonsense"], 2),
         (["info"], 2),

@@ -15,6 +15,7 @@
 
     api.run("suite.toml", "results")
     board = api.leaderboard("results")
+    changed = api.compare("results", "other-results")         # B - A, and what changed
 
 Recordings, tables and decisions are the ones that detectors and attacks get: see
 :mod:`spoofbench.recording`, :mod:`spoofbench.table` and :mod:`spoofbench.detector`. Detectors and
@@ -43,7 +44,10 @@ from spoofbench.table import Table
 if TYPE_CHECKING:
     import pandas as pd
 
+    from spoofbench.scoring.differences import Differences
+
 __all__ = [
+    "compare",
     "convert",
     "detect",
     "evaluate",
@@ -257,6 +261,17 @@ def leaderboard(results: str | Path) -> pd.DataFrame:
             point = table.point if row.ranked else "published"
             rows.append(place | about | {"point": point} | dataclasses.asdict(row.shown))
     return pd.DataFrame(rows).set_index(["provenance", "input_class", "detector"])
+
+
+def compare(a: str | Path, b: str | Path) -> Differences:
+    """Return what differs between two results folders, B - A, and what changed.
+
+    Raises:
+        ResultsError: a folder has no results, or damaged ones, or the two share nothing.
+    """
+    from spoofbench.scoring.differences import differences
+
+    return differences(Path(a), Path(b))
 
 
 def _detector(detector: str | Detector, parameters: dict[str, Any]) -> Detector:

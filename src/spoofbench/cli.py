@@ -453,6 +453,28 @@ def report(
 
 
 @app.command()
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="A", help="Results folder.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Another, over the same material.")],
+    as_json: AsJson = False,
+) -> None:
+    """Say how two results folders differ, and why."""
+    from dataclasses import asdict
+
+    from spoofbench.scoring.differences import differences
+
+    found = differences(a, b)
+    if as_json:
+        print_json(asdict(found))
+    else:
+        from rich.console import Console
+
+        from spoofbench.report.comparison_table import print_differences
+
+        print_differences(found, Console())
+
+
+@app.command()
 def plugins(as_json: AsJson = False) -> None:
     """List converters, attacks, detectors and commands."""
     from spoofbench import plugins as installed

@@ -103,8 +103,8 @@ def figures(clean: Columns, faced: Columns) -> Figures:
     """Return the figures of one detector at one operating point.
 
     Args:
-        clean: its scores on recordings that have false-alert rates, as ``scores.parquet``,
-            columns ``(n,)``.
+        clean: its scores on recordings that have false-alert rates, as ``scores.parquet``, columns
+            ``(n,)``.
         faced: an attack interval of the support per row, as ``events.parquet``, columns ``(m,)``;
             NaN where the detector has no result, which is a miss.
     """
