@@ -167,8 +167,12 @@ class TransferRow:
 
 @dataclass(frozen=True, slots=True)
 class SeverityRow:
-    """How strong an attack must be for a detector to see it, at the operating point of its row."""
+    """How strong an attack must be for a detector to see it, at the operating point of its row in
+    the table of this provenance and input class.
+    """
 
+    provenance: Provenance
+    input_class: str
     detector: str
     attack: str
     curve: SeverityCurve
@@ -398,7 +402,13 @@ class _Table:
                     events["strength"][own], events["detected"][own], events["session"][own]
                 )
                 if curve is not None and curve.strength.size > 1:
-                    yield SeverityRow(row.detector, str(group), curve)
+                    yield SeverityRow(
+                        self.material.provenance,
+                        self.material.input_class,
+                        row.detector,
+                        str(group),
+                        curve,
+                    )
 
     def _notes(self) -> Iterator[str]:
         """Say what a reader must know, and what the evidence cannot show."""
