@@ -179,6 +179,14 @@ class SeverityRow:
 
 
 @dataclass(frozen=True, slots=True)
+class AbsentDetector:
+    """A detector of the suite that is in no table, and why."""
+
+    detector: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Leaderboard:
     """What a results folder says.
 
@@ -188,6 +196,7 @@ class Leaderboard:
         tables: by provenance, then input class.
         transfer: thresholds carried from class to class, where there are several.
         severity: of attacks that the suite makes at several strengths.
+        absent: detectors that are in no table.
     """
 
     suite: str
@@ -195,6 +204,7 @@ class Leaderboard:
     tables: tuple[BoardTable, ...]
     transfer: tuple[TransferRow, ...]
     severity: tuple[SeverityRow, ...]
+    absent: tuple[AbsentDetector, ...]
 
 
 def leaderboard(folder: Path) -> Leaderboard:
@@ -214,7 +224,16 @@ def leaderboard(folder: Path) -> Leaderboard:
         tables=tuple(table.read() for table in tables),
         transfer=tuple(TransferRow(*row) for row in scored.transfers.itertuples(index=False)),
         severity=tuple(row for table in tables for row in table.severity()),
+        absent=tuple(_absent(scored, {row.detector for table in tables for row in table.rows})),
     )
+
+
+def _absent(scored: ScoredFolder, shown: set[str]) -> Iterator[AbsentDetector]:
+    for name in scored.detectors["detector"]:
+        if name not in shown:
+            reasons = scored.tasks["reason"][scored.tasks["detector"] == name].value_counts()
+            unheld = "nothing that is judged holds what it looks at"
+            yield AbsentDetector(name, str(reasons.index[0]) if len(reasons) else unheld)
 
 
 class _Table:
