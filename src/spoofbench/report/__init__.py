@@ -20,16 +20,16 @@ def print_leaderboard(board: "Leaderboard", console: "Console | None" = None) ->
     """Print a leaderboard in at most 80 columns, by default to standard output."""
     from rich.console import Console
 
-    from spoofbench.report.leaderboard_table import print_board
+    from spoofbench.report.terminal_text import print_board
 
     print_board(board, console or Console())
 
 
 def markdown(board: "Leaderboard") -> str:
     """Return a leaderboard in GitHub Markdown."""
-    from spoofbench.report import leaderboard_table
+    from spoofbench.report import markdown_text
 
-    return leaderboard_table.markdown(board)
+    return markdown_text.markdown(board)
 
 
 def write_site(folder: Path, board: "Leaderboard", site: Path) -> Path:

@@ -1,8 +1,8 @@
 """What the page carries of each run: its labels, figures, decisions, and the track it was on.
 
 Arrays are little-endian integers in base64, each stored once. They are rounded, as the page states:
-times to 1 ms, positions to 0.1 m, scores to 0.0005 up to 1 and to 0.12 % above. Rounding never
-moves a score over the threshold.
+times to 1 ms, positions to 0.1 m, scores to 0.0005 up to 1 and to 0.12 % above. Scores are over the
+threshold that the leaderboard ranks at, so that an alert is above 1; rounding never moves one over.
 """
 
 import base64
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spoofbench.arrays import Bools, Floats, Indices, Ints, Times
+from spoofbench.decisions import Outcomes
 from spoofbench.detector import Decisions
 from spoofbench.formatting import (
     NONE,
@@ -31,12 +32,11 @@ from spoofbench.results import (
     Task,
     Truth,
     has_truth,
-    read_outcome,
     read_table,
     read_truth,
 )
 from spoofbench.scoring.grid import GUARD_S
-from spoofbench.scoring.score import SCORE_SCHEMA
+from spoofbench.scoring.score import EVENT_SCHEMA, SCORE_SCHEMA
 
 CLEAN = "none (clean)"
 """What the page calls the attack of an unattacked task."""
@@ -56,17 +56,30 @@ _TIMED_BYTES, _UNTIMED_BYTES = 8, 8 / 3
 
 _FIGURES = (
     "task_id",
+    "point",
+    "factor",
     "far_per_hour",
     "far_per_hour_lo",
     "far_per_hour_hi",
     "far_epoch",
     "detection_pct",
     "detection_pct_available",
+    "placebo_pct",
+    "detected",
+    "placebo_detected",
     "ttfd_s",
-    "position_error_at_detection_m",
     "availability",
 )
-"""Columns of scores.parquet that a run shows."""
+"""Columns of scores.parquet that a run shows, at the operating point that is ranked."""
+
+_EVENT_FIGURES = (
+    "task_id",
+    "point",
+    "length_s",
+    "position_error_at_detection_m",
+    "largest_error_before_alert_m",
+)
+"""Columns of events.parquet that a run shows of its first attack interval."""
 
 
 @dataclass(slots=True)
@@ -98,10 +111,8 @@ def run_data(folder: Path, tasks: Sequence[Task], best: str) -> Iterator[str]:
     Raises:
         ResultsError: the folder lacks a file or a file is damaged.
     """
-    figures = {
-        row["task_id"]: row
-        for row in read_table(folder / "scores.parquet", SCORE_SCHEMA).select(_FIGURES).to_pylist()
-    }
+    figures = _ranked_figures(folder)
+    outcomes = Outcomes(folder)
     of_variant: dict[str, list[int]] = {}
     for index, task in enumerate(tasks):
         of_variant.setdefault(task.variant_id, []).append(index)
@@ -116,8 +127,10 @@ def run_data(folder: Path, tasks: Sequence[Task], best: str) -> Iterator[str]:
         variants.append(_json(_variant(first, truth, planes.get(first.recording), pool)))
         for index in indices:
             task = tasks[index]
-            trace = _trace(folder, task, truth, pool, _DECISION_BYTES / len(tasks))
-            runs[index] = _json(_run(task, number, figures.get(task.task_id, {}), trace))
+            about = figures.get(task.task_id, {})
+            decisions = _decisions(outcomes, task, about.get("factor"))
+            trace = _trace(decisions, truth, pool, _DECISION_BYTES / len(tasks))
+            runs[index] = _json(_run(task, number, about, trace))
     opened = (i for i, task in enumerate(tasks) if task.attack and task.detector == best)
     yield '{"arrays":["'
     yield '","'.join(pool.items)
@@ -126,13 +139,32 @@ def run_data(folder: Path, tasks: Sequence[Task], best: str) -> Iterator[str]:
     yield f'],"steps":{STEPS},"variants":[{",".join(variants)}]}}'
 
 
+def _ranked_figures(folder: Path) -> dict[str, dict[str, Any]]:
+    """The scores of each task, and those of its first attack interval, at the point that is ranked:
+    the first row of a task in either table.
+    """
+    figures: dict[str, dict[str, Any]] = {}
+    for name, schema, columns in (
+        ("scores", SCORE_SCHEMA, _FIGURES),
+        ("events", EVENT_SCHEMA, _EVENT_FIGURES),
+    ):
+        rows = read_table(folder / f"{name}.parquet", schema).select(columns).to_pylist()
+        first = {row["task_id"]: row for row in reversed(rows)}
+        for task_id, row in first.items():
+            figures.setdefault(task_id, {}).update(row)
+    return figures
+
+
+_ROLES = {"judged": "", "calibration": " (calibration)", "family left out": " (family left out)"}
+
+
 def labels(task: Task) -> dict[str, str]:
     """Return the labels by which the page finds a run."""
     return {
-        "detector": task.detector,
+        "detector": task.detector + _ROLES[task.role],
         "recording": task.recording,
         "attack": task.attack or CLEAN,
-        "seed": NONE if task.seed is None else str(task.seed),
+        "window": NONE if task.window is None else str(task.window),
     }
 
 
@@ -153,11 +185,10 @@ class TangentPlane:
 
     @classmethod
     def at_start(cls, truth: Truth) -> "TangentPlane | None":
-        """Return the plane at the first clean position, None where there is no position at all."""
-        known = np.flatnonzero(~np.isnan(truth.clean_lat_deg) & ~np.isnan(truth.clean_lon_deg))
-        if not known.size:
-            return None
-        return cls(float(truth.clean_lat_deg[known[0]]), float(truth.clean_lon_deg[known[0]]))
+        """Return the plane at the first unattacked position, None where there is no position."""
+        lat_deg, lon_deg = _unattacked(truth)
+        known = np.flatnonzero(~np.isnan(lat_deg) & ~np.isnan(lon_deg))
+        return cls(float(lat_deg[known[0]]), float(lon_deg[known[0]])) if known.size else None
 
     def east_north_dm(self, lat_deg: Floats, lon_deg: Floats) -> NDArray[np.int32]:
         """Return east and north in decimetres, ``ABSENT_DM`` where there is no position.
@@ -178,6 +209,16 @@ class TangentPlane:
         return np.where(absent, ABSENT_DM, np.nan_to_num(plane_dm)).astype(np.int32)
 
 
+def _unattacked(truth: Truth) -> tuple[Floats, Floats]:
+    """Latitude and longitude without attack; of a really attacked recording, which has no other,
+    those outside its attacks.
+    """
+    if not np.isnan(truth.clean_lat_deg).all():
+        return truth.clean_lat_deg, truth.clean_lon_deg
+    outside = [np.where(truth.spoofed, np.nan, deg) for deg in (truth.lat_deg, truth.lon_deg)]
+    return outside[0], outside[1]
+
+
 def _variant(
     task: Task, truth: Truth | None, plane: TangentPlane | None, pool: ArrayPool
 ) -> dict[str, Any]:
@@ -188,7 +229,7 @@ def _variant(
     start_ns = int(truth.time_ns[0])
     plane = plane or TangentPlane(0.0, 0.0)
     epochs = pool.add(milliseconds(truth.time_ns, start_ns), "<i4")
-    clean = pool.add(plane.east_north_dm(truth.clean_lat_deg, truth.clean_lon_deg), "<i4")
+    clean = pool.add(plane.east_north_dm(*_unattacked(truth)), "<i4")
     attacked = []
     for interval in truth.intervals:
         rows = np.flatnonzero(interval.covers(truth.time_ns))
@@ -204,14 +245,28 @@ def _variant(
     }
 
 
+def _decisions(outcomes: Outcomes, task: Task, factor: float | None) -> Decisions | None:
+    """The decisions of a task with scores over this factor, None where there are none.
+
+    A quotient may round onto 1 or over it: then the score decides.
+    """
+    outcome = outcomes.of(task.recording).get(task.task_id)
+    made = None if outcome is None else outcome.decisions
+    if made is None or factor is None:
+        return made
+    score = made.score / factor
+    score = np.where(
+        made.score > factor, np.maximum(score, np.nextafter(1, 2)), np.minimum(score, 1)
+    )
+    return Decisions(made.time_ns, score, made.available)
+
+
 def _trace(
-    folder: Path, task: Task, truth: Truth | None, pool: ArrayPool, max_bytes: float
+    decisions: Decisions | None, truth: Truth | None, pool: ArrayPool, max_bytes: float
 ) -> dict[str, int] | None:
     """What is drawn of a run's decisions, in about so many bytes; None where there are none."""
-    outcome = read_outcome(folder, task.task_id)
-    if outcome is None or outcome.decisions is None or truth is None or not truth.time_ns.size:
+    if decisions is None or truth is None or not truth.time_ns.size:
         return None
-    decisions = outcome.decisions
     n = decisions.time_ns.size
     is_at_epochs = np.array_equal(decisions.time_ns, truth.time_ns)
     rows = (
@@ -285,46 +340,85 @@ def pack_scores(score: Floats, available: Bools) -> NDArray[np.int16]:
 def _run(
     task: Task, variant: int, figures: Mapping[str, Any], trace: dict[str, int] | None
 ) -> dict[str, Any]:
+    name = labels(task)["detector"]
     return {
         "variant": variant,
-        "detector": task.detector,
+        "detector": name,
         "status": task.status,
         "reason": task.reason,
         "guard_s": max(GUARD_S, task.memory_s),
         "facts": _facts(task, figures),
-        "summary": f"Score over time of {task.detector} on {task.attack or CLEAN}",
+        "summary": f"Score over time of {name} on {task.attack or CLEAN}",
         "trace": trace,
     }
 
 
 def _facts(task: Task, figures: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Names and texts beside a run's plots: a clean run has false alerts, others detection."""
+    """Names and texts beside a run's plots: false alerts where it counts them, detection where it
+    is under attack.
+    """
 
     def text(form: Callable[[float | None], str], name: str, unit: str) -> str:
         value = form(figures.get(name))
         return value if value == NONE else f"{value} {unit}"
 
-    if task.attack is None:
-        low, high = rate(figures.get("far_per_hour_lo")), rate(figures.get("far_per_hour_hi"))
-        facts = [
-            ("False alerts", text(rate, "far_per_hour", f"per hour (95 %: {between(low, high)})")),
+    facts: list[tuple[str, str]] = []
+    if task.attack is None or task.provenance == "real attack":
+        interval = between(
+            rate(figures.get("far_per_hour_lo")), rate(figures.get("far_per_hour_hi"))
+        )
+        facts += [
+            ("False alerts", text(rate, "far_per_hour", f"per hour (95 %: {interval})")),
             ("Alerted share of available clean epochs", text(share_percent, "far_epoch", "%")),
         ]
-    else:
-        facts = [
-            ("Detection", text(percent, "detection_pct", "%")),
-            ("Detection where available", text(percent, "detection_pct_available", "%")),
-            ("Time to first detection", text(seconds, "ttfd_s", "s")),
+    if task.attack is not None:
+        facts += [
+            ("Attack", _outcome(figures)),
+            ("Same window without attack", _placebo(figures)),
+            ("Alerted share of spoofed epochs", text(percent, "detection_pct", "%")),
+            ("The same without attack", text(percent, "placebo_pct", "%")),
+            ("Alerted share where available", text(percent, "detection_pct_available", "%")),
             ("Position error at detection", text(rate, "position_error_at_detection_m", "m")),
+            ("Largest error before alert", text(rate, "largest_error_before_alert_m", "m")),
             ("Attack parameters", _parameters(task.attack_parameters)),
         ]
     return [
         *facts,
         ("Availability", text(share_percent, "availability", "%")),
+        ("Threshold", _threshold(figures)),
         ("Detector parameters", _parameters(task.parameters)),
         ("Plugin", f"{task.plugin} from {task.plugin_distribution} {task.plugin_version}"),
         ("Task", task.task_id),
     ]
+
+
+def _outcome(figures: Mapping[str, Any]) -> str:
+    match figures.get("detected"):
+        case True:
+            return f"detected after {seconds(figures['ttfd_s'])} s"
+        case False:
+            return f"missed in {seconds(figures.get('length_s'))} s"
+        case _:
+            return NONE
+
+
+def _placebo(figures: Mapping[str, Any]) -> str:
+    match figures.get("placebo_detected"):
+        case True:
+            return "an alert begins as well"
+        case False:
+            return "no alert begins"
+        case _:
+            return NONE
+
+
+def _threshold(figures: Mapping[str, Any]) -> str:
+    factor = figures.get("factor")
+    if factor is None:
+        return NONE
+    if figures["point"] == "published":
+        return "as published"
+    return f"{factor:.4g} times the published one"
 
 
 def _parameters(text: str | None) -> str:

@@ -10,13 +10,30 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
 
+import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from spoofbench.report.leaderboard_table import COLUMNS, cell_text, evidence, markdown
+from spoofbench.formatting import NONE
+from spoofbench.report import wording
+from spoofbench.report.columns import (
+    FURTHER,
+    MARKS,
+    VERDICT,
+    Entry,
+    LeaderboardColumn,
+    columns_of,
+    explained,
+)
+from spoofbench.report.markdown_text import markdown
 from spoofbench.report.runs import labels, run_data
 from spoofbench.results import FAILURES, Task, read_run, read_tasks, write_whole
-from spoofbench.scoring.leaderboard import Leaderboard, LeaderboardCell
+from spoofbench.scoring.leaderboard import (
+    BoardTable,
+    Leaderboard,
+    LeaderboardCell,
+    LeaderboardRow,
+)
 
 _STYLES = ("uplot/uPlot.min.css", "page.css")
 _SCRIPTS = ("uplot/uPlot.iife.min.js", "tables.js", "data.js", "timeline.js", "map.js", "runs.js")
@@ -25,12 +42,19 @@ _SCRIPTS = ("uplot/uPlot.iife.min.js", "tables.js", "data.js", "timeline.js", "m
 def write(folder: Path, board: Leaderboard, site: Path) -> Path:
     """Write the page, the Markdown and the JSON; return the page's path."""
     tasks, run = read_tasks(folder), read_run(folder)
-    as_json = json.dumps(asdict(board), indent=1, allow_nan=False) + "\n"
+    as_json = json.dumps(asdict(board), indent=1, allow_nan=False, default=np.ndarray.tolist)
     page = site / "index.html"
-    _write(page, _page(board, run, tasks, run_data(folder, tasks, board.rows[0].detector)))
+    _write(page, _page(board, run, tasks, run_data(folder, tasks, _opened(board))))
     _write(site / "leaderboard.md", [markdown(board)])
-    _write(site / "leaderboard.json", [as_json])
+    _write(site / "leaderboard.json", [as_json + "\n"])
     return page
+
+
+def _opened(board: Leaderboard) -> str:
+    """The detector with which the page opens: one that is ranked first, else any."""
+    rows = [row for table in board.tables for row in table.rows]
+    rows.sort(key=lambda row: row.rank != 1)
+    return rows[0].detector if rows else ""
 
 
 def _write(path: Path, texts: Iterable[str]) -> None:
@@ -59,13 +83,11 @@ def _page(
 
     return template.generate(
         title=_title(run),
-        evidence=evidence(board),
-        note=board.note,
-        target=f"{board.target_far_per_hour:g}",
-        columns=COLUMNS,
-        rows=[(row, [column.figure(row) for column in COLUMNS]) for row in board.rows],
-        attacks=board.attacks,
-        heat=_heat(board, tasks),
+        wording=wording,
+        board=board,
+        sections=[_section(board, table, tasks) for table in board.tables],
+        explained=explained(board.tables),
+        transfer=list(map(wording.transfer_cells, board.transfer)),
         versions=_versions(run),
         run=json.dumps(run, indent=1, sort_keys=True),
         data=map(Markup, data),
@@ -85,50 +107,100 @@ def _title(run: Mapping[str, Any]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
+class PageGrid:
+    """Columns of a table, and what each row shows in them: beneath its name its marks in words."""
+
+    columns: Sequence[LeaderboardColumn]
+    rows: Sequence[tuple[LeaderboardRow, str, Sequence[Entry]]]
+
+
+@dataclass(frozen=True, slots=True)
 class HeatCell:
     """One cell of the table by attack.
 
     Attributes:
-        text: the detection percentage.
+        text: attacks detected of all, and the placebo.
         share: how much of the full colour it has, in percent; None where it is unknown.
         link: address of its first run, of one that was tried if there is one.
         label: what it says in words.
-        note: what became of the tasks that have no decisions.
     """
 
     text: str
     share: float | None
     link: str
     label: str
-    note: str
 
 
-def _heat(board: Leaderboard, tasks: Sequence[Task]) -> Iterator[tuple[str, list[HeatCell]]]:
+@dataclass(frozen=True, slots=True)
+class PageSection:
+    """One table of the leaderboard as the page shows it.
+
+    Attributes:
+        heading, evidence, notes: what is said of it.
+        grids: its figures: what decides, and what else is known.
+        attacks: over the table by attack.
+        heat: each detector, and its cells against each attack.
+        severity: of attacks made at several strengths, see :func:`.wording.severity_of`.
+    """
+
+    heading: str
+    evidence: str
+    notes: Sequence[str]
+    grids: Sequence[PageGrid]
+    attacks: Sequence[str]
+    heat: Sequence[tuple[str, Sequence[HeatCell]]]
+    severity: Sequence[Sequence[str]]
+
+
+def _section(board: Leaderboard, table: BoardTable, tasks: Sequence[Task]) -> PageSection:
+    grids = []
+    for columns in (VERDICT, FURTHER):
+        shown = columns_of(table, columns)
+        is_marked = MARKS in shown
+        shown = [column for column in shown if column is not MARKS]
+        rows = [
+            (
+                row,
+                MARKS.entry(table, row).text if is_marked else "",
+                [column.entry(table, row) for column in shown],
+            )
+            for row in table.rows
+        ]
+        grids.append(PageGrid(shown, rows))
+    return PageSection(
+        heading=wording.heading(table),
+        evidence=wording.evidence(board, table),
+        notes=wording.notes(table),
+        grids=grids,
+        attacks=table.attacks,
+        heat=list(_heat(table, tasks)),
+        severity=wording.severity_of(board, table),
+    )
+
+
+def _heat(table: BoardTable, tasks: Sequence[Task]) -> Iterator[tuple[str, list[HeatCell]]]:
     """Each detector and its cells against each attack."""
     linked: dict[tuple[str, str | None], Task] = {}
-    for task in sorted(tasks, key=lambda task: task.status not in {"ok", *FAILURES}):
+    own = [task for task in tasks if task.role == "judged" and task.provenance == table.provenance]
+    for task in sorted(own, key=lambda task: task.status not in {"ok", *FAILURES}):
         linked.setdefault((task.detector, task.attack), task)
-    for index, row in enumerate(board.rows):
+    for index, row in enumerate(table.rows):
         yield (
             row.detector,
             [
-                _heat_cell(cell, linked.get((cell.detector, cell.attack)))
-                for cell in board.cells_of(index)
+                _heat_cell(table, cell, linked.get((cell.detector, cell.attack)))
+                for cell in table.cells_of(index)
             ],
         )
 
 
-def _heat_cell(cell: LeaderboardCell, task: Task | None) -> HeatCell:
-    pct, text = cell.detection_pct, cell_text(cell)
-    counts = {"failed": cell.failed, "skipped": cell.skipped, "not modelled": cell.not_modelled}
-    note = ", ".join(f"{n} {name}" for name, n in counts.items() if n)
-    share = text if pct is None else f"{text} %"
+def _heat_cell(table: BoardTable, cell: LeaderboardCell, task: Task | None) -> HeatCell:
+    figures, text = cell.figures, wording.cell_text(table, cell)
     return HeatCell(
         text=text,
-        share=None if pct is None else round(pct, 1),
+        share=None if text == NONE else round(100 * figures.detected / figures.attacks, 1),
         link="" if task is None else urlencode(labels(task)),
-        label=f"{cell.detector} on {cell.attack}: {share}{f', {note}' if note else ''}",
-        note=note,
+        label=f"{cell.detector} on {cell.attack}: {text}",
     )
 
 

@@ -83,7 +83,7 @@ function drawMap(box, run, variant) {
       shape(svg, "circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 2, class: "alert-spot" });
     }
   }
-  const start = clean.find(Boolean);
+  const start = clean.find(Boolean) ?? all[0];
   const [x, y] = view.pixel(start);
   shape(svg, "path", { d: `M${x - 6} ${y + 5}L${x + 6} ${y + 5}L${x} ${y - 7}Z`, class: "start-mark" });
   const side = x > width - 60 ? -1 : 1;

@@ -2,7 +2,7 @@
 "use strict";
 
 const byId = id => document.getElementById(id);
-const KEYS = ["detector", "recording", "attack", "seed"];
+const KEYS = ["detector", "recording", "attack", "window"];
 const keyOf = (run, key) => key === "detector" ? run.detector : DATA.variants[run.variant][key];
 const selects = Object.fromEntries(KEYS.map(key => [key, byId(`choose-${key}`)]));
 
@@ -90,7 +90,7 @@ function show(run, remember) {
   chosen = run;
   fill();
   facts(run);
-  byId("run-title").textContent = `${run.detector} on ${keyOf(run, "attack")}${keyOf(run, "seed") === "-" ? "" : `, seed ${keyOf(run, "seed")}`}`;
+  byId("run-title").textContent = `${run.detector} on ${keyOf(run, "attack")}${keyOf(run, "window") === "-" ? "" : `, window ${keyOf(run, "window")}`}`;
   draw();
   if (remember) {
     history.replaceState(null, "", `#${new URLSearchParams(Object.fromEntries(KEYS.map(key => [key, keyOf(run, key)])))}`);
