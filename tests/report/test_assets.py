@@ -49,26 +49,35 @@ def visit(browser, tmp_path):
     assert not messages
 
 
-def address(detector, attack, seed):
+def address(detector, attack, window, recording="drive"):
     return "#" + urlencode(
-        {"detector": detector, "recording": "drive", "attack": attack, "seed": seed}
+        {"detector": detector, "recording": recording, "attack": attack, "window": window}
     )
 
 
 def column(page, number):
     return page.eval_on_selector_all(
-        f".board tbody tr > :nth-child({number})", "cells => cells.map(cell => cell.dataset.sort)"
+        f".board >> nth=0 >> tbody tr > :nth-child({number})",
+        "cells => cells.map(cell => cell.dataset.sort)",
     )
 
 
 def test_a_link_leads_to_its_run_and_choosing_another_changes_it(folder, visit):
     page = visit(folder, address("correlation", "replay", "2"))
-    assert page.inner_text("#run-title") == "correlation on replay, seed 2"
+    assert page.inner_text("#run-title") == "correlation on replay, window 2"
     page.select_option("#choose-detector", "acceleration")
-    assert page.inner_text("#run-title") == "acceleration on replay, seed 2"
+    assert page.inner_text("#run-title") == "acceleration on replay, window 2"
     assert "detector=acceleration" in page.evaluate("location.hash")
     page.click(".heat a >> nth=0")
-    assert page.inner_text("#run-title").endswith("on replay, seed 1")
+    assert page.inner_text("#run-title").endswith("on replay, window 1")
+
+
+def test_a_really_attacked_run_is_drawn_on_the_track_that_was_reported(calibrated_folder, visit):
+    page = visit(calibrated_folder, address("acceleration", "as recorded", "-", "flight"))
+    assert page.inner_text("#run-title") == "acceleration on as recorded"
+    assert page.locator("#map .clean-track").count() == 1
+    assert page.locator("#map .spoofed-track").count() == 1
+    assert "as published" in page.inner_text("#facts")
 
 
 def test_a_failed_run_says_so_and_still_has_its_map(folder, visit):

@@ -10,13 +10,15 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from spoofbench.decisions import OutcomeLog, Outcomes
 from spoofbench.detector import Decisions
 from spoofbench.errors import ResultsError
-from spoofbench.report import markdown, write_site
-from spoofbench.report.runs import STEPS
-from spoofbench.results import TaskOutcome, read_tasks, read_truth, write_outcome, write_tasks
+from spoofbench.report import markdown, wording, write_site
+from spoofbench.report.columns import FURTHER, MARKS, VERDICT, columns_of
+from spoofbench.report.runs import ABSENT_DM, STEPS
+from spoofbench.results import TaskOutcome, read_table, read_tasks, read_truth, write_tasks
 from spoofbench.scoring.leaderboard import leaderboard
-from spoofbench.scoring.score import score_folder
+from spoofbench.scoring.score import SCORE_SCHEMA, score_folder
 
 
 class Page(HTMLParser):
@@ -137,7 +139,7 @@ def test_clean_tracks_are_shared_and_attacks_are_where_the_truth_says(folder, pa
     variant = next(
         v
         for v in data["variants"]
-        if (v["attack"], v["seed"]) == (attacked.attack, str(attacked.seed))
+        if (v["attack"], v["window"]) == (attacked.attack, str(attacked.window))
     )
     start_ns = int(truth.time_ns[0])
     assert variant["intervals"] == [
@@ -146,15 +148,62 @@ def test_clean_tracks_are_shared_and_attacks_are_where_the_truth_says(folder, pa
     assert [part["first"] for part in variant["attacked"]] == [int(truth.spoofed.argmax())]
 
 
-def test_sort_keys_of_unknown_figures_are_empty(page):
+def test_sort_keys_of_unknown_figures_are_empty(folder, page):
     keys = [
         attributes["data-sort"]
         for tag, attributes in page.tags
         if tag in ("td", "th") and "data-sort" in attributes
     ]
-    assert len(keys) == 3 * 9
+    (table,) = leaderboard(folder).tables
+    columns = [*columns_of(table, VERDICT), *columns_of(table, FURTHER)]
+    assert len(keys) == 3 * (len(columns) - 1)  # marks stand beneath the names
     assert "" in keys
     assert "None" not in keys
+
+
+def test_each_table_is_headed_and_has_its_notes_its_marks_and_its_cells(
+    calibrated_folder, tmp_path
+):
+    board = leaderboard(calibrated_folder)
+    text = "".join(page_of(calibrated_folder, tmp_path).categories)
+    for table in board.tables:
+        assert text.count(wording.heading(table)) == 2
+        assert wording.evidence(board, table) in text
+        assert all(note in text for note in wording.notes(table))
+        for row in table.rows:
+            assert MARKS.entry(table, row).text in text
+        for cell in table.cells:
+            assert wording.cell_text(table, cell) in text
+    assert {table.provenance for table in board.tables} == {"real attack", "injected"}
+
+
+def test_a_run_is_drawn_over_the_threshold_that_is_ranked(calibrated_folder, tmp_path):
+    data = page_of(calibrated_folder, tmp_path).data()
+    scores = read_table(calibrated_folder / "scores.parquet", SCORE_SCHEMA).to_pylist()
+    factors = {row["task_id"]: row["factor"] for row in scores if row["point"] == "calibrated"}
+    outcomes = Outcomes(calibrated_folder)
+    assert {factor > 1 for factor in factors.values()} == {True}
+    for task, run in zip(read_tasks(calibrated_folder), data["runs"], strict=True):
+        factor = factors.get(task.task_id, 1.0)
+        made = outcomes.decisions(task.recording, task.task_id)
+        steps = np.frombuffer(base64.b64decode(data["arrays"][run["trace"]["score"]]), "<i2")
+        assert np.array_equal(steps > STEPS, made.available & (made.score > factor))
+        shown = dict(run["facts"])["Threshold"]
+        assert shown.startswith("as published" if task.recording == "flight" else f"{factor:.4g} ")
+
+
+def test_a_really_attacked_recording_has_the_track_that_it_reported(calibrated_folder, tmp_path):
+    data = page_of(calibrated_folder, tmp_path).data()
+    (flight,) = (v for v in data["variants"] if v["recording"] == "flight")
+    task = next(t for t in read_tasks(calibrated_folder) if t.recording == "flight")
+    truth = read_truth(calibrated_folder, task.variant_id)
+    base, attacked = (
+        np.frombuffer(base64.b64decode(data["arrays"][index]), "<i4").reshape(2, -1)
+        for index in (flight["clean"], flight["attacked"][0]["track"])
+    )
+    assert np.array_equal(base[0] == ABSENT_DM, truth.spoofed)
+    assert attacked.shape[1] == truth.spoofed.sum()
+    assert np.abs(attacked).max() < 1_000_000  # 100 km: the plane touches the track
 
 
 def test_a_page_of_240_runs_of_2602_epochs_is_below_10_megabytes(make, tmp_path):
@@ -175,9 +224,9 @@ def test_many_decisions_are_thinned_and_no_alert_vanishes(make, tmp_path):
     truth = read_truth(folder, task.variant_id)
     time_ns = np.arange(truth.time_ns[0], truth.time_ns[-1], 500_000)
     score = np.where(np.arange(time_ns.size) == 777_777, 1.5, 0.1)
-    write_outcome(
-        folder, task.task_id, TaskOutcome("ok", None, Decisions(time_ns, score, score > 0))
-    )
+    outcomes = OutcomeLog(folder)
+    outcomes.add(task.task_id, TaskOutcome("ok", None, Decisions(time_ns, score, score > 0)))
+    outcomes.sort({task.recording: [task.task_id]})
     score_folder(folder)
     path = write_site(folder, leaderboard(folder), tmp_path / "site")
     assert path.stat().st_size < 10_000_000
@@ -228,6 +277,6 @@ def test_a_damaged_folder_leaves_no_page(folder, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "results")
     board = leaderboard(copy)
     next((copy / "decisions").iterdir()).write_bytes(b"damaged")
-    with pytest.raises(ResultsError, match="cannot be read"):
+    with pytest.raises(ResultsError, match="is damaged"):
         write_site(copy, board, tmp_path / "site")
     assert list((tmp_path / "site").iterdir()) == []

@@ -96,7 +96,7 @@ def _cells(
         entry = column.entry(table, row)
         yield _escape(entry.text, "-" if column.is_name else _PLAIN)
         if column.has_interval:
-            yield _interval(entry)
+            yield _escape(_interval(entry), _PLAIN)
 
 
 def _interval(entry: Entry) -> str:

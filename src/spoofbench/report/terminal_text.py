@@ -29,6 +29,9 @@ _WIDTH = 80
 _NAME_WIDTH = 28
 """Widest column of names; longer ones fold."""
 
+_LEAST_NAME_WIDTH = 13
+"""What figures leave to names before they go into a table of their own."""
+
 _LEGEND = {
     "#": (
         "rank, by attacks detected, then by time. Baselines (B) and rows that stand apart (a) have "
@@ -65,12 +68,13 @@ def print_board(board: Leaderboard, console: Console) -> None:
         console.print(_paragraphs(lines, width), style="dim", width=width)
 
     if not board.tables:
-        say([wording.NO_TABLES])
+        say([wording.NO_TABLES, *wording.absent(board)])
         return
     for table in board.tables:
         console.print(Text(fill(wording.heading(table), width)), style="bold", width=width)
         say([wording.evidence(board, table), *wording.notes(table)])
-        console.print(_verdict(table, width), width=width)
+        for part in _verdict(table, width):
+            console.print(part, width=width)
         say(wording.details(table))
         if table.windows > 1:
             letters = list(_letters(len(table.attacks)))
@@ -86,11 +90,13 @@ def print_board(board: Leaderboard, console: Console) -> None:
             )
         severity = wording.severity_of(board, table)
         if severity:
-            console.print(_plain(wording.SEVERITY, wording.SEVERITY_HEAD, 2, severity), width=width)
+            head = wording.SEVERITY_HEAD
+            console.print(_plain(wording.SEVERITY, head, 2, severity, width), width=width)
             say([wording.SEVERITY_NOTE])
     if board.transfer:
-        rows = map(wording.transfer_cells, board.transfer)
-        console.print(_plain(wording.TRANSFER, wording.TRANSFER_HEAD, 3, rows), width=width)
+        rows = list(map(wording.transfer_cells, board.transfer))
+        head = wording.TRANSFER_HEAD
+        console.print(_plain(wording.TRANSFER, head, 3, rows, width), width=width)
         say([wording.TRANSFER_NOTE])
     say(
         [
@@ -111,7 +117,8 @@ def _meanings(board: Leaderboard) -> Iterator[str]:
             yield f"{letter}: {meaning}"
 
 
-def _verdict(table: BoardTable, width: int) -> Table:
+def _verdict(table: BoardTable, width: int) -> Iterator[Table]:
+    """What decides, as one table where it fits, else as several of the same rows."""
     columns: list[tuple[str, Cells]] = [
         ("FA/h", lambda row: FALSE_ALERTS.entry(table, row).text),
         ("95 %", lambda row: FALSE_ALERTS.entry(table, row).interval),
@@ -124,22 +131,46 @@ def _verdict(table: BoardTable, width: int) -> Table:
         del columns[3:5]
     ranks = [RANK.entry(table, row).text for row in table.rows]
     letters = ["".join(mark.letter for mark in marks(table, row)) for row in table.rows]
-    cells = [[form(row) for _, form in columns] for row in table.rows]
-    taken = 3 + max(map(len, ["marks", *letters]))
-    for number, (title, _) in enumerate(columns):
-        texts = [title, *(row[number] for row in cells)]
-        taken += 1 + max(len(line) for text in texts for line in text.split("\n"))
-    name_width = max(min(width - taken - 1, _NAME_WIDTH), 10)
-    shown = _empty_table()
-    shown.add_column("#", justify="right", no_wrap=True, min_width=2)
-    shown.add_column("detector", overflow="fold", max_width=name_width)
-    for title, _ in columns:
-        shown.add_column(Text(title), justify="right", no_wrap=width == _WIDTH)
-    shown.add_column("marks", no_wrap=True)
-    for row, rank, texts, letter in zip(table.rows, ranks, cells, letters, strict=True):
-        style = "dim" if row.exceeds_target or row.baseline else None
-        shown.add_row(rank, _folded(row.detector, name_width), *texts, Text(letter), style=style)
-    return shown
+    figures = [(title, [form(row) for row in table.rows]) for title, form in columns]
+    around = _widest(["#", *ranks]) + 2 + _widest(["marks", *letters])
+    for part in _packed(figures, width - around - _LEAST_NAME_WIDTH):
+        taken = around + sum(1 + _widest([title, *texts]) for title, texts in part)
+        name_width = min(width - taken, _NAME_WIDTH)
+        shown = _empty_table()
+        shown.add_column("#", justify="right", no_wrap=True)
+        shown.add_column("detector", overflow="fold", max_width=name_width)
+        for title, _ in part:
+            shown.add_column(Text(title), justify="right", no_wrap=True)
+        shown.add_column("marks", no_wrap=True)
+        for number, row in enumerate(table.rows):
+            shown.add_row(
+                ranks[number],
+                _folded(row.detector, name_width),
+                *(texts[number] for _, texts in part),
+                Text(letters[number]),
+                style="dim" if row.exceeds_target or row.baseline else None,
+            )
+        yield shown
+
+
+def _packed(
+    columns: Iterable[tuple[str, list[str]]], width: int
+) -> Iterator[list[tuple[str, list[str]]]]:
+    """Split columns, title and texts each, into runs that fit a width with a blank before each."""
+    part: list[tuple[str, list[str]]] = []
+    left = width
+    for title, texts in columns:
+        needed = 1 + _widest([title, *texts])
+        if part and needed > left:
+            yield part
+            part, left = [], width
+        part.append((title, texts))
+        left -= needed
+    yield part
+
+
+def _widest(texts: Iterable[str]) -> int:
+    return max(len(line) for text in texts for line in text.split("\n"))
 
 
 def _detected(table: BoardTable, row: LeaderboardRow) -> str:
@@ -170,16 +201,21 @@ def _by_attack(table: BoardTable, letters: Sequence[str], width: int) -> Iterato
         yield shown
 
 
-def _plain(title: str, head: Sequence[str], names: int, rows: Iterable[Sequence[str]]) -> Table:
-    """A table whose first columns hold names, which fold."""
+def _plain(
+    title: str, head: Sequence[str], names: int, rows: Sequence[Sequence[str]], width: int
+) -> Table:
+    """A table whose first columns hold names, which fold to what the figures leave them."""
+    figures = [_widest([text, *(row[n] for row in rows)]) for n, text in enumerate(head)][names:]
+    name_width = min((width - sum(figures) - len(figures)) // names - 1, 20)
     shown = _empty_table(title)
     for number, text in enumerate(head):
         if number < names:
-            shown.add_column(text.lower(), overflow="fold", max_width=20)
+            shown.add_column(text.lower(), overflow="fold", max_width=name_width)
         else:
             shown.add_column(text.lower(), justify="right", no_wrap=True)
     for row in rows:
-        shown.add_row(*(_folded(text, 20) for text in row[:names]), *map(Text, row[names:]))
+        folded = (_folded(text, name_width) for text in row[:names])
+        shown.add_row(*folded, *map(Text, row[names:]))
     return shown
 
 
