@@ -179,8 +179,8 @@ def make_truth(epochs: int, attack: str | None, window: int | None) -> Truth:
 
 
 def make_decisions(truth: Truth, index: int, noise: float, rng: np.random.Generator) -> Decisions:
-    """Noise, mostly below the threshold, that rises in an attack, less for each further detector; the first
-    30 s unavailable.
+    """Noise, mostly below the threshold, that rises in an attack, less for each further detector;
+    the first 30 s unavailable.
     """
     n = truth.time_ns.size
     score = np.abs(rng.normal(0, noise, n)) + truth.spoofed * rng.gamma(2, 2 / (1 + index), n)

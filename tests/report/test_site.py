@@ -188,6 +188,8 @@ def test_a_run_is_drawn_over_the_threshold_that_is_ranked(calibrated_folder, tmp
         made = outcomes.decisions(task.recording, task.task_id)
         steps = np.frombuffer(base64.b64decode(data["arrays"][run["trace"]["score"]]), "<i2")
         assert np.array_equal(steps > STEPS, made.available & (made.score > factor))
+        low = made.available & (made.score < 0.99 * factor)
+        assert np.allclose(steps[low] / STEPS, made.score[low] / factor, atol=1 / STEPS)
         shown = dict(run["facts"])["Threshold"]
         assert shown.startswith("as published" if task.recording == "flight" else f"{factor:.4g} ")
 

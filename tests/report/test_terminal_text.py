@@ -57,6 +57,27 @@ def test_a_ranked_row_has_its_interval_and_its_placebo(made_up):
         assert words(line) == f"{rank} {name} 2.00 0.50 to 7.00 3/4 (1) 5.0 - -"
 
 
+def test_figures_that_leave_no_room_for_names_take_a_second_table(made_up):
+    figures = made_up(
+        "figures",
+        far_per_hour=1.2e6,
+        far_per_hour_lo=1.1e6,
+        far_per_hour_hi=1.3e6,
+        detected=0,
+        attacks=1234,
+        placebo_attacks=1234,
+        restricted_mean_ttfd_s=1e6,
+        error_before_alert_median_m=1.4e6,
+        error_before_alert_largest_m=1.5e6,
+    )
+    row = made_up("row", "innovation-windowed", ranked=figures)
+    text = terminal(made_up("board", made_up("table", row, windows=1234)))
+    assert max(map(len, text.splitlines())) <= 80
+    assert len(re.findall("^ *1 innovation", text, re.MULTILINE)) == 2
+    for shown in ("1,100,000 to 1,300,000", "0/1234 (1)", "> 1,000,000", "1,500,000"):
+        assert shown in text
+
+
 def test_a_share_with_an_interval_shows_it_beneath(made_up):
     figures = made_up("figures", detected_share_lo=0.512, detected_share_hi=0.996)
     text = terminal(made_up("board", made_up("table", made_up("row", ranked=figures))))

@@ -62,7 +62,7 @@ function grid(svg, { pixel, metres }, width, height, margin) {
 function drawMap(box, run, variant) {
   const { time, clean, reported, attacked } = track(variant);
   const width = box.clientWidth, height = Math.round(Math.min(Math.max(width * 0.62, 300), 520));
-  const margin = { left: 66, right: 12, top: 10, bottom: 42 };
+  const margin = { left: 84, right: 12, top: 10, bottom: 42 };
   box.replaceChildren();
   const svg = shape(box, "svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "img", "aria-label": "Map of the clean and the spoofed track" });
   const all = [...clean, ...attacked.flat()].filter(Boolean);
