@@ -8,7 +8,8 @@ from spoofbench.report.marks import MEANINGS, marks
 CASES = [
     ({"baseline": True, "rank": None}, "B", "baseline"),
     ({"keeps_target": False}, "*", "exceeds the target"),
-    ({"keeps_target": None}, "", ""),
+    ({"keeps_target": None}, "?", "unknown whether it keeps the target"),
+    ({"keeps_target": None, "rank": None}, "", ""),
     (
         {"told_apart": False, "sessions_needed": 1200},
         "=",
