@@ -38,7 +38,7 @@ class OutcomeReader:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            self._file = pq.ParquetFile(path, memory_map=True)
+            self._file = pq.ParquetFile(path)
             outcomes = json.loads((self._file.schema_arrow.metadata or {})[b"outcomes"])
             self._index: dict[str, tuple[Status, str | None, int | None]] = {}
             group = 0

@@ -5,6 +5,7 @@ beside it stands what a really spoofed airliner shows.
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 
 from spoofbench.attacks.contract import attack_file
@@ -31,6 +32,20 @@ class Demonstration:
 
     page: Path
     without: str | None
+
+
+def drive_bag() -> Path:
+    """Return the folder of the drive's rosbag.
+
+    Raises:
+        SpoofbenchError: the package that carries it is not installed.
+    """
+    package = find_spec("pntos_cobra_datasets_ros")
+    if package is None or not package.submodule_search_locations:
+        raise SpoofbenchError(
+            "the drive is not installed; install it with: pip install 'spoofbench[demo]'"
+        )
+    return Path(package.submodule_search_locations[0]) / "cobra_gps_ins_example_data"
 
 
 def demonstrate(out: Path, workers: int | None, progress: Progress) -> Demonstration:

@@ -80,6 +80,14 @@ class Shelf:
             f"credit = 'N. N.'\nvehicle = 'car'\nfiles = [{file}]\noptions = {options}\n"
         )
 
+    def simulate(self, seed: int) -> None:
+        """Write the recipe ``simulated`` of two minutes of a drive that never existed."""
+        self.write(
+            "[recordings.simulated]\ntitle = 'A'\nclass = 'car'\nlicence = 'MIT'\n"
+            "credit = 'N. N.'\nvehicle = 'car'\n"
+            f"simulation = {{ seed = {seed}, duration_s = 120.0, lag_s = 0.2 }}\n"
+        )
+
 
 def said(content: bytes) -> str:
     """Return size and digest of a file as a recipe says them."""

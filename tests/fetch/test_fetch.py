@@ -10,6 +10,7 @@ from spoofbench.errors import SpoofbenchError
 from spoofbench.fetch import cache, cached_path, fetch, names_of, recipe
 from spoofbench.fetch.sources import digest_of_file
 from spoofbench.recording import attacked_intervals
+from spoofbench.testing import drive
 from tests.fetch.conftest import LOG, Offers, Shelf, said
 
 
@@ -238,3 +239,25 @@ def test_a_name_is_a_recording_or_a_suite(shelf: Shelf) -> None:
     assert names_of(["cars"]) == names_of(["commute"]) == names_of(["cars", "commute"])
     with pytest.raises(SpoofbenchError, match=r"'comute'.*commute"):
         names_of(["comute"])
+
+
+def test_a_simulated_recording_is_the_same_wherever_it_is_made(
+    shelf: Shelf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shelf.simulate(seed=3)
+    first = fetch("simulated")
+    recording = read(first)
+    expected = drive(3, 120.0, lag_s=0.2)
+    assert recording.digest() == expected.digest()
+    monkeypatch.setenv("SPOOFBENCH_CACHE", str(tmp_path / "another"))
+    again = fetch("simulated")
+    assert again != first
+    assert again.read_bytes() == first.read_bytes()
+
+
+def test_another_simulation_is_another_recording(shelf: Shelf) -> None:
+    shelf.simulate(seed=3)
+    first = fetch("simulated")
+    shelf.simulate(seed=4)
+    assert cached_path("simulated") != first
+    assert read(fetch("simulated")).digest() != read(first).digest()

@@ -6,12 +6,13 @@ import pytest
 
 from spoofbench import plugins
 from spoofbench.errors import ConfigError
-from spoofbench.fetch import names_of, recipe, recipes
+from spoofbench.fetch import recipes
 from spoofbench.fetch.recipe_file import read_recipes
 from spoofbench.labels import read_labels
 from spoofbench.shipped import shipped
 
 FILE = f"{{ url = 'https://example.org/a.csv', size = 3, sha256 = '{'0' * 64}' }}"
+SIMULATION = "{ seed = 1, duration_s = 90.0 }"
 WHOLE = (
     "title = 'A'\nclass = 'phone-1hz'\nlicence = 'MIT'\ncredit = 'N. N.'\nvehicle = 'car'\n"
     f"files = [{FILE}]\n"
@@ -29,7 +30,7 @@ def test_defaults_fill_what_a_recipe_leaves_out_and_it_may_differ() -> None:
     )
     assert found["a"].vehicle == "car"
     assert found["a"].session == "a"
-    assert not found["a"].simulated
+    assert found["a"].simulation is None
 
 
 @pytest.mark.parametrize(
@@ -51,6 +52,14 @@ def test_defaults_fill_what_a_recipe_leaves_out_and_it_may_differ() -> None:
             "no wheel 'w'",
         ),
         (f"[recordings.a]\n{WHOLE}".replace("a.csv", "..%2Fa"), "cannot be the name of a file"),
+        (f"[recordings.a]\n{WHOLE}".replace(f"[{FILE}]", "[]"), "'files' or a 'simulation'"),
+        (f"[recordings.a]\n{WHOLE}simulation = {SIMULATION}\n", "'files' or a 'simulation'"),
+        (
+            f"[recordings.a]\n{WHOLE}".replace(
+                f"files = [{FILE}]", "simulation = { seed = 1, duration_s = 9.0 }"
+            ),
+            "duration_s",
+        ),
     ],
 )
 def test_what_is_wrong_with_a_recipe_is_said(text: str, sentence: str) -> None:
@@ -78,16 +87,6 @@ def test_what_is_shipped_lies_where_it_is_looked_for() -> None:
     assert shipped("recordings.toml").is_file()
     assert list(shipped("suites").glob("*.toml"))
     assert isinstance(shipped("labels"), Path)
-
-
-@pytest.mark.parametrize("suite", ["field-phones", "field-cars", "field-airliner"])
-def test_a_field_suite_names_recipes_and_a_session_has_one_class(suite: str) -> None:
-    names = names_of([suite])
-    assert names
-    classes: dict[str, set[str]] = {}
-    for name in names:
-        classes.setdefault(recipe(name).session, set()).add(recipe(name).sensor_class)
-    assert all(len(found) == 1 for found in classes.values())
 
 
 def test_the_shipped_labels_say_attacked_and_clean() -> None:

@@ -18,7 +18,6 @@ import spoofbench
 from spoofbench import config, plugins
 from spoofbench.codec import write
 from spoofbench.conversion import convert
-from spoofbench.errors import SpoofbenchError
 from spoofbench.fetch.recipe_file import Recipe, Simulation, recipe, wheels
 from spoofbench.fetch.sources import Mirror, Origins, digest_of_file
 from spoofbench.fingerprint import canonical, digest_of, package_digest

@@ -38,7 +38,7 @@ from spoofbench.runner.plan import (
 from spoofbench.runner.store import ResultStore, check_folder
 from spoofbench.sandbox import Sandbox, SandboxLost
 from spoofbench.scoring.score import score_folder
-from spoofbench.suite import AttackEntry, DetectorEntry, Suite
+from spoofbench.suite import AttackEntry, DetectorEntry, RecordingEntry, Suite
 
 _Asked = tuple[tuple[plugins.Group, Sequence[AttackEntry | DetectorEntry]], ...]
 
@@ -158,11 +158,9 @@ class _Run:
             SuiteError: one cannot be read.
         """
         suite = self.suite
-        warm_up_s = suite.warm_up_s
-        if warm_up_s is None:
-            warm_up_s = max(detector.warm_up_s for detector in self.detectors)
 
         def survey(recording: RecordingRun) -> None:
+            warm_up_s = self._warm_up_s(recording.recording)
             until_s = suite.calibration.until_s if suite.calibration else None
             is_cut = until_s is not None and suite.is_calibrated(recording.recording)
             recording.survey(max(warm_up_s, until_s or 0.0) if is_cut else warm_up_s)
@@ -175,6 +173,15 @@ class _Run:
                     f"suite {suite.name!r}, recording {name!r} cannot be read: {reason}"
                 )
         return {name: recording.info for name, recording in self.recordings.items()}
+
+    def _warm_up_s(self, recording: RecordingEntry) -> float:
+        """Return how long before the first window: as the suite says, or the longest that a
+        detector for the recording's class declares.
+        """
+        if self.suite.warm_up_s is not None:
+            return self.suite.warm_up_s
+        made_for = self.suite.detectors_for(recording)
+        return max((each.warm_up_s for each in self.detectors if each.entry in made_for), default=0)
 
     def _prepare_and_run(
         self, tasks: Sequence[PlannedTask], teaching: Sequence[PlannedVariant]

@@ -410,7 +410,7 @@ class DetectorRun:
 
         The tasks have one detector, fitted on the same.
         """
-        left = list(tasks)
+        left, fitted = list(tasks), tasks[0].fit
         status: Status = "failed"
         job = DetectorJob(
             plugin=tasks[0].detector.plugin.name,
@@ -418,7 +418,8 @@ class DetectorRun:
             variants=[task.variant.number for task in tasks],
             withheld=sorted(tasks[0].withheld),
             memory_mb=self.limits.memory_mb,
-            state=str(self.store.state_file(tasks[0].fit.id)) if tasks[0].fit else "",
+            state=str(self.store.state_file(fitted.id).absolute()) if fitted else "",
+            state_sha256=self.store.state_digest(fitted.id) if fitted else "",
         )
         with self.sandbox.start(_detect, job, self.material) as worker:
             try:

@@ -13,6 +13,7 @@ cluster can run them as they are::
 Only the job of a recording knows the truth, and that of a fit the truth of its attacked material.
 """
 
+import hashlib
 import pickle
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,7 +36,7 @@ from spoofbench.detector import (
     seen,
     warm_up_s,
 )
-from spoofbench.errors import NotApplicable, PluginError, RecordingError
+from spoofbench.errors import NotApplicable, PluginError, RecordingError, ResultsError
 from spoofbench.recording import Interval, Recording, is_really_attacked
 from spoofbench.results import write_truth
 from spoofbench.runner.blind import BlindReader, BlindWriter
@@ -133,7 +134,7 @@ class FitJob:
 class DetectorJob:
     """A detector to run on variants, by number; it has to do without the ``withheld`` kinds.
 
-    ``state`` is the file of what it has learned; "" if it has not.
+    ``state`` is the file of what it has learned, with its digest; "" if it has not.
     """
 
     plugin: str
@@ -142,6 +143,7 @@ class DetectorJob:
     withheld: Sequence[str] = field(default_factory=tuple)
     memory_mb: int = 512
     state: str = ""
+    state_sha256: str = ""
 
 
 def describe_plugin(job: DescriptionJob) -> Record:
@@ -401,7 +403,10 @@ def run_detector(job: DetectorJob, material: Path) -> Iterator[tuple[Record, Dec
     try:
         detector: Detector = plugins.make(plugins.DETECTORS, job.plugin, _frozen(job.parameters))
         if job.state:
-            detector = pickle.loads(Path(job.state).read_bytes())
+            state = Path(job.state).read_bytes()
+            if hashlib.sha256(state).hexdigest() != job.state_sha256:
+                raise ResultsError("what it has learned has been changed since; resume the run")
+            detector = pickle.loads(state)
     except Exception as error:  # noqa: BLE001, a plugin may raise anything
         yield {"status": "failed", "reason": one_line(error)}, None
         return

@@ -396,14 +396,15 @@ class _Planner:
     def _may_teach(
         self, detector: ConfiguredPlugin, variant: PlannedVariant, unseen: Unseen
     ) -> bool:
-        attack = variant.attack
+        attack, donors = variant.attack, self._sessions(variant.recording.donors)
+        judged = {each.session for each in self.suite.recordings if each.side == "judged"}
         return (
             detector.learns_from_attacks
             and not self._split.until_s  # its windows are judged
             and attack is not None
             and variant.failure is None
             and attack.plugin.name != unseen.attack
-            and not unseen.sessions & self._sessions(variant.recording.donors)
+            and not donors & (unseen.sessions | judged)
         )
 
     @property

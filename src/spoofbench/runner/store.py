@@ -106,6 +106,7 @@ class ResultStore:
     ) -> None:
         self.folder = folder
         self._costs: dict[str, Cost] = {}
+        self._states: dict[str, str] = {}
         self._retry_failed, self._progress = retry_failed, progress
         self._total, self._done = 1, 0
         self._lock = threading.Lock()
@@ -150,19 +151,32 @@ class ResultStore:
         return self.folder / "states" / f"{fit_id}.pickle"
 
     def has_state(self, fit_id: str) -> bool:
-        return self.state_file(fit_id).exists()
+        """Whether what a detector has learned is there as it was written."""
+        path = self.state_file(fit_id)
+        try:
+            written: object = json.loads(path.with_suffix(".json").read_text())["sha256"]
+            digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        except (OSError, ValueError, KeyError, TypeError):
+            return False
+        self._states[fit_id] = digest
+        return digest == written
+
+    def state_digest(self, fit_id: str) -> str:
+        """Return the SHA-256 of a state that is there, as this process has seen it."""
+        return self._states[fit_id]
 
     def fitted(self, planned: PlannedFit, outcome: FitOutcome) -> None:
         """Write what became of a fit, and what it has learned."""
         if outcome.status == "ok":
             path = self.state_file(planned.id)
+            digest = self._states[planned.id] = hashlib.sha256(outcome.state).hexdigest()
             write_whole(path, lambda temporary: temporary.write_bytes(outcome.state))
             about = {
                 "detector": planned.detector.entry.id,
                 "sessions": sorted({each.variant.recording.session for each in planned.clean}),
                 "attacks": sorted({each.variant.attack_group or "" for each in planned.attacked}),
                 "learned": dict(outcome.learned),
-                "sha256": hashlib.sha256(outcome.state).hexdigest(),
+                "sha256": digest,
             }
             text = json.dumps(about, indent=1, sort_keys=True) + "\n"
             write_whole(path.with_suffix(".json"), lambda temporary: temporary.write_text(text))

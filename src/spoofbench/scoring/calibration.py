@@ -182,9 +182,12 @@ def detection_times_s(time_ns: Times, score: Floats, interval: Interval, factors
     inside = decided[int(first) - lead :]
     row = np.searchsorted(np.maximum.accumulate(inside), factors, "right")
     # an alert that is on before the attack must fall before it can rise
-    for index in np.flatnonzero(factors < before):
-        off = int(np.argmax(np.append(inside <= factors[index], True)))
-        row[index] = off + int(np.argmax(np.append(inside[off:] > factors[index], True)))
+    lasting = factors < before
+    if lasting.any():
+        silent = inside <= factors[lasting, np.newaxis]
+        fell = np.logical_or.accumulate(silent, axis=1)
+        rises = np.pad(fell & ~silent, ((0, 0), (0, 1)), constant_values=True)
+        row[lasting] = np.argmax(rises, axis=1)
     after_s = (time_ns[first:end] - interval.start_ns) / 1e9
     return np.append(after_s, np.nan)[np.minimum(row, inside.size)]
 

@@ -153,9 +153,7 @@ class _Side:
     def __init__(self, folder: ScoredFolder, material: JudgedMaterial) -> None:
         self.folder, self.material = folder, material
         faced = material.faced
-        about = material.support.set_index(
-            folder.variants.get_indexer(material.support["variant_id"])
-        )
+        about = material.support.set_index("variant")
         windows = about.loc[faced["variant"], ["recording", "attack", "window"]].fillna(
             {"window": -1}
         )
@@ -174,7 +172,7 @@ class _Side:
         none where there is no result.
         """
         scores = self.folder.scores.get((detector, point, "judged"))
-        wanted = self.folder.variants.get_indexer(self.material.clean["variant_id"].iloc[rows])
+        wanted = self.material.clean["variant"].iloc[rows]
         found = np.zeros((2, len(self.folder.variants)))
         if scores is not None:
             for values, name in zip(found, ("episodes", "available_clean_h"), strict=True):

@@ -273,7 +273,7 @@ class _Table:
         point, faced, clean = material.point, material.faced, material.clean
         about: Any = scored.detectors.loc[detector]
         tasks = scored.judged[scored.judged["detector"] == detector]
-        tasks = tasks[tasks["variant_id"].isin(self.variants)]
+        tasks = tasks[tasks["variant"].isin(self.variants)]
         published = scored.figures(detector, "published", faced, clean)
         assert published is not None, "every detector has a published threshold"
         ranked = scored.figures(detector, point, faced, clean)
@@ -314,18 +314,16 @@ class _Table:
 
     @cached_property
     def variants(self) -> Any:
-        """Ids of the support and of what false alerts are counted on."""
-        material = self.material
-        ids = pd.Index([*material.support["variant_id"], *material.clean["variant_id"]])
-        return ids.unique()
+        """Numbers of the support and of what false alerts are counted on."""
+        return np.union1d(self.material.support["variant"], self.material.clean["variant"])
 
     def _apart(self, about: Any, tasks: pd.DataFrame, ranked: Figures | None) -> str:
         if about["baseline"]:
             return ""
         support = self.material.support
         required = set(json.loads(about["requires"]))
-        on_support = tasks[tasks["variant_id"].isin(support["variant_id"])]
-        had = sum(required <= set(json.loads(kinds)) for kinds in on_support["kinds"])
+        kinds = tasks["kinds"][tasks["variant"].isin(support["variant"])].value_counts()
+        had = sum(kinds[[required <= set(json.loads(text)) for text in kinds.index]])
         if had < len(support):
             return f"judged on {had} of {len(support)} windows: it requires more, or is for others"
         declared = self.scored.suite["warm_up_s"]
@@ -395,11 +393,15 @@ class _Table:
             key=lambda row: (row.ranked is None, bool(row.apart) and len(able) > 1, *_key(row)),
         )
 
+    @cached_property
+    def nothing(self) -> pd.DataFrame:
+        """No clean variant: cells have no false alerts."""
+        return self.material.clean[:0]
+
     def _cell(self, row: LeaderboardRow, attack: str) -> LeaderboardCell:
         of_attack = self.material.faced["attack"] == attack
         some = {name: values[of_attack] for name, values in self.material.faced.items()}
-        nothing = self.material.clean[:0]
-        found = self.scored.figures(row.detector, self._shown(row), some, nothing)
+        found = self.scored.figures(row.detector, self._shown(row), some, self.nothing)
         assert found is not None, "a row has its point on all of its support"
         return LeaderboardCell(row.detector, attack, found)
 

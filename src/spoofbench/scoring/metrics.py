@@ -233,7 +233,7 @@ def find_events(
         unreviewed_ns: epochs of which it is not known whether they are attacked, ``(k,)``.
     """
     rising = alert & ~np.append(False, alert[:-1])
-    alarm_end_ns = _alarm_ends_ns(time_ns, alert, round(hold_s * 1e9))
+    hold_ns = round(hold_s * 1e9)
     events = []
     for interval in intervals:
         first, end = np.searchsorted(time_ns, (interval.start_ns, interval.end_ns))
@@ -241,10 +241,13 @@ def find_events(
         detection_ns = persisted_s = None
         if edges.size:
             detection_ns = int(time_ns[edges[0]])
-            alarm_ns = min(int(alarm_end_ns[edges[0]]), interval.end_ns) - detection_ns
+            off_ns = _alarm_end_ns(time_ns, alert, int(edges[0]), hold_ns)
+            alarm_ns = min(off_ns, interval.end_ns) - detection_ns
             persisted_s = alarm_ns / 1e9
         release_ns = interval.end_ns
-        off_ns = max(int(alarm_end_ns[end - 1]), release_ns) if end else release_ns
+        off_ns = release_ns
+        if end and alert[end - 1]:
+            off_ns = max(_alarm_end_ns(time_ns, alert, int(end) - 1, hold_ns), release_ns)
         attacked_ns = [
             max(other.start_ns, release_ns) for other in intervals if other.end_ns > release_ns
         ]
@@ -263,16 +266,12 @@ def find_events(
     return events
 
 
-def _alarm_ends_ns(time_ns: Times, alert: Bools, hold_ns: int) -> Times:
-    """When the alarm that is on at each decision ends, ``(m,)``; where it is off, at that time."""
-    if not time_ns.size:
-        return time_ns
-    runs_out_ns = time_ns + hold_ns
-    next_ns = np.append(time_ns[1:], runs_out_ns[-1])
-    goes_on = alert & np.append(alert[1:], False) & (next_ns <= runs_out_ns)
-    last = np.flatnonzero(~goes_on)
-    last = last[np.searchsorted(last, np.arange(time_ns.size))]
-    return np.where(alert, np.minimum(next_ns, runs_out_ns)[last], time_ns)
+def _alarm_end_ns(time_ns: Times, alert: Bools, index: int, hold_ns: int) -> int:
+    """When the alarm that is on at this decision ends."""
+    goes_on = alert[index + 1 :] & (np.diff(time_ns[index:]) <= hold_ns)
+    last = index + int(np.argmin(np.append(goes_on, False)))
+    runs_out_ns = int(time_ns[last]) + hold_ns
+    return min(int(time_ns[last + 1]), runs_out_ns) if last + 1 < time_ns.size else runs_out_ns
 
 
 def harm(

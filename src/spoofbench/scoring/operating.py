@@ -22,11 +22,10 @@ from spoofbench.results import Task, write_parquet
 from spoofbench.scoring.calibration import (
     EpisodeCurve,
     Threshold,
-    detection_times_s,
     threshold,
     total,
 )
-from spoofbench.scoring.trace import Trace
+from spoofbench.scoring.trace import Trace, Twin
 
 TARGETS_PER_HOUR: Floats = np.geomspace(0.1, 100.0, 25)
 """False-alert rates of the operating curves."""
@@ -210,25 +209,26 @@ class Curves:
     _sums: dict[tuple[str, str, str], _Sum] = field(default_factory=dict)
     _transfer: dict[tuple[str, str, str], _Sum] = field(default_factory=dict)
 
-    def add(self, task: Task, trace: Trace, clean: Trace | None, classes: Sequence[str]) -> None:
+    def add(self, task: Task, trace: Trace, twin: Twin | None, classes: Sequence[str]) -> None:
         """Take up a task that is judged.
 
         Args:
             task: of the folder.
             trace: what its detector decided.
-            clean: what it decided on the unattacked recording; None where that is the task's own,
+            twin: what it decided on the unattacked recording; None where that is the task's own,
                 or there is none.
-            classes: that thresholds may be carried over from.
+            classes: that thresholds may be carried over from, and to.
         """
         if task.role != "judged":
             return
         factors = self._factors_of(task)
         if factors is not None:
             key = (task.detector, task.sensor_class, task.provenance)
-            _take_up(self._sums.setdefault(key, _Sum(0)), task, trace, clean, factors)
-        for other in classes:
-            if other != task.sensor_class:
-                self._carry(task, trace, clean, other)
+            _take_up(self._sums.setdefault(key, _Sum(0)), task, trace, twin, factors)
+        if task.sensor_class in classes:
+            for other in classes:
+                if other != task.sensor_class:
+                    self._carry(task, trace, twin, other)
 
     def _factors_of(self, task: Task) -> Floats | None:
         key = _key(task)
@@ -243,7 +243,7 @@ class Curves:
             self._factors[key] = np.array(found, float) if known else None
         return self._factors[key]
 
-    def _carry(self, task: Task, trace: Trace, clean: Trace | None, other: str) -> None:
+    def _carry(self, task: Task, trace: Trace, twin: Twin | None, other: str) -> None:
         key = Key(task.detector, other, "all", None)
         if key not in self._factors:
             curve = self.thresholds.class_curve(task.detector, other)
@@ -252,7 +252,7 @@ class Curves:
         factors = self._factors[key]
         if factors is not None:
             of = (task.detector, other, task.sensor_class)
-            _take_up(self._transfer.setdefault(of, _Sum(0)), task, trace, clean, factors)
+            _take_up(self._transfer.setdefault(of, _Sum(0)), task, trace, twin, factors)
 
     def write(self, folder: Path) -> None:
         """Write ``curves.parquet`` and ``transfer.parquet``."""
@@ -296,7 +296,7 @@ class Curves:
         write_parquet(folder / "transfer.parquet", pa.Table.from_pylist(carried, TRANSFER_SCHEMA))
 
 
-def _take_up(own: _Sum, task: Task, trace: Trace, clean: Trace | None, factors: Floats) -> None:
+def _take_up(own: _Sum, task: Task, trace: Trace, twin: Twin | None, factors: Floats) -> None:
     truth = trace.truth
     if task.attack is None or task.provenance == "real attack":
         counted = trace.clean(task.memory_s) & (truth.time_ns >= (task.judged_start_ns or 0))
@@ -306,16 +306,13 @@ def _take_up(own: _Sum, task: Task, trace: Trace, clean: Trace | None, factors: 
         )
         own.clean_h += curve.hours
     for interval in truth.intervals:
-        decisions = trace.decisions
-        found = detection_times_s(decisions.time_ns, decisions.score, interval, factors)
-        own.detected = own.detected + ~np.isnan(found)
+        own.detected = own.detected + ~np.isnan(trace.detection_times_s(interval, factors))
         own.attacks += 1
         score = trace.score[interval.covers(truth.time_ns), np.newaxis]
         own.alerted = own.alerted + (score > factors).mean(axis=0) if score.size else own.alerted
-        if clean is not None:
-            twin = clean.decisions
-            placebo = detection_times_s(twin.time_ns, twin.score, interval, factors)
-            own.placebo_detected = own.placebo_detected + ~np.isnan(placebo)
+        if twin is not None:
+            placebo_s = twin.detection_times_s(interval, factors)
+            own.placebo_detected = own.placebo_detected + ~np.isnan(placebo_s)
 
 
 def _nth(values: Any, number: int) -> int:

@@ -33,11 +33,11 @@ from spoofbench.results import (
     read_truth,
     write_parquet,
 )
-from spoofbench.scoring.grid import default_hold_s, within
+from spoofbench.scoring.grid import default_hold_s
 from spoofbench.scoring.metrics import Event, detection_pct, false_alerts, harm, share
 from spoofbench.scoring.operating import Curves, Thresholds
 from spoofbench.scoring.statistics import partial_auc, roc_curve
-from spoofbench.scoring.trace import Trace, trace
+from spoofbench.scoring.trace import Trace, Twin, trace
 
 P_FA_LIMIT = 0.01
 """Largest P_FA per epoch that the partial area under the ROC curve looks at."""
@@ -110,6 +110,7 @@ EVENT_SCHEMA = pa.schema(
 
 _NEVER_AVAILABLE = Decisions([], [], [])
 _NO_TIMES = _NEVER_AVAILABLE.time_ns
+_ROWS_AT_ONCE = 1000
 _Cells = dict[str, Any]
 """What a row has, by column; the rest is null."""
 
@@ -147,24 +148,26 @@ def score_folder(folder: Path) -> None:
         thresholds.add(seen, task)
     classes = sorted({task.sensor_class for task in tasks if task.calibrates})
     curves = Curves(thresholds)
-    rows: list[list[_Cells]] = [[] for _ in tasks]
-    events: list[list[_Cells]] = [[] for _ in tasks]
-    for index, seen, clean in reading.judged():
+    scores, events = _Rows(SCORE_SCHEMA), _Rows(EVENT_SCHEMA)
+    unscored = {index for index, task in enumerate(tasks) if task.is_judged}
+    for index, seen, twin in reading.judged():
+        task = tasks[index]
+        unscored.remove(index)
+        auc = _partial_auc(seen, twin)
+        for point, factor in _points(thresholds, task):
+            found, row = _scored(task, seen.at(factor), twin, rules)
+            named = _identity(task) | {"point": point, "factor": factor}
+            scores.add(index, named | row | auc)
+            for event in found:
+                events.add(index, named | event)
+        curves.add(task, seen, twin, classes)
+    for index in unscored:
         task = tasks[index]
         for point, factor in _points(thresholds, task):
-            found, row = _scored(task, seen.at(factor), clean and clean.at(factor), rules)
-            named = {"point": point, "factor": factor}
-            rows[index].append(_identity(task) | named | row)
-            events[index] += [_identity(task) | named | event for event in found]
-        curves.add(task, seen, clean, classes)
-    for task, some in zip(tasks, rows, strict=True):
-        if not some and task.is_judged:
-            some += [
-                _identity(task) | {"point": point, "factor": factor} | _fate(task)
-                for point, factor in _points(thresholds, task)
-            ]
-    write_parquet(folder / "scores.parquet", _table(rows, SCORE_SCHEMA))
-    write_parquet(folder / "events.parquet", _table(events, EVENT_SCHEMA))
+            named = _identity(task) | {"point": point, "factor": factor}
+            scores.add(index, named | _fate(task))
+    write_parquet(folder / "scores.parquet", scores.table())
+    write_parquet(folder / "events.parquet", events.table())
     thresholds.write(folder)
     curves.write(folder)
 
@@ -191,8 +194,8 @@ def score_decisions(
     if not truth.intervals:
         return row | _false_alerts(seen, seen.clean(memory_s))
     found = seen.events(truth.intervals)
-    first = _event(seen, found[0], None, None, Rules(0.0, None, 0.0))
-    return row | first | _detection(seen, None, found, [])
+    first = _event(seen, found[0], Rules(0.0, None, 0.0))
+    return row | first | _detection(seen, None, found, []) | {"partial_auc": None}
 
 
 def _points(thresholds: Thresholds, task: Task) -> Iterator[tuple[Point, float]]:
@@ -200,6 +203,34 @@ def _points(thresholds: Thresholds, task: Task) -> Iterator[tuple[Point, float]]
     if factor is not None:
         yield "calibrated", factor
     yield "published", 1.0
+
+
+class _Rows:
+    """Rows of a table as they come, by the number of their task; a thousand at a time become
+    columns, which take a tenth of the memory.
+    """
+
+    def __init__(self, schema: pa.Schema) -> None:
+        self._schema = schema
+        self._parts: list[pa.Table] = []
+        self._rows: list[_Cells] = []
+        self._tasks: list[int] = []
+
+    def add(self, task: int, row: _Cells) -> None:
+        self._tasks.append(task)
+        self._rows.append(row)
+        if len(self._rows) == _ROWS_AT_ONCE:
+            self._make_columns()
+
+    def _make_columns(self) -> None:
+        self._parts.append(pa.Table.from_pylist(self._rows, self._schema))
+        self._rows.clear()
+
+    def table(self) -> pa.Table:
+        """Return the rows in the order of their tasks."""
+        self._make_columns()
+        order = np.argsort(np.array(self._tasks, np.int64), kind="stable")
+        return pa.concat_tables(self._parts).take(pa.array(order)).combine_chunks()
 
 
 class _Reading:
@@ -219,7 +250,7 @@ class _Reading:
             if truth is not None:
                 yield from ((task, self._trace(task, truth)) for task in some)
 
-    def judged(self) -> Iterator[tuple[int, Trace, Trace | None]]:
+    def judged(self) -> Iterator[tuple[int, Trace, Twin | None]]:
         """Yield the index of each judged task that can be scored, what its detector decided, and
         what it decided on the unattacked recording.
         """
@@ -233,11 +264,11 @@ class _Reading:
             task = self.tasks[index]
             return task.recording, task.attack is not None, task.variant_id
 
-        clean: dict[str, Trace] = {}
+        twins: dict[str, Twin] = {}
         recording = ""
         for (name, is_attacked, variant_id), group in groupby(sorted(judged, key=place), place):
             if name != recording:
-                recording, clean = name, {}
+                recording, twins = name, {}
             own = list(group)
             truth = self._truth(variant_id, [self.tasks[index] for index in own])
             if truth is None:
@@ -246,8 +277,8 @@ class _Reading:
                 task = self.tasks[index]
                 seen = self._trace(task, truth)
                 if not is_attacked:
-                    clean[task.detector] = seen
-                yield index, seen, clean.get(task.detector) if is_attacked else None
+                    twins[task.detector] = Twin(seen)
+                yield index, seen, twins.get(task.detector) if is_attacked else None
 
     def _truth(self, variant_id: str, tasks: Sequence[Task]) -> Truth | None:
         """Return the truth of a variant; None where it could not be made, and no task on it is ok.
@@ -278,17 +309,18 @@ class _Reading:
 
 
 def _scored(
-    task: Task, seen: Trace, clean: Trace | None, rules: Rules
+    task: Task, seen: Trace, twin: Twin | None, rules: Rules
 ) -> tuple[list[_Cells], _Cells]:
     """Return the events and the row of one task at one operating point."""
     truth = seen.truth
     found = seen.events(truth.intervals)
-    placebo = clean.events(truth.intervals) if clean else []
+    placebo = twin.events(truth.intervals, seen.factor) if twin else []
     events = [
-        _event(seen, event, clean, twin, rules) for event, twin in zip_longest(found, placebo)
+        _event(seen, event, rules) | _placebo(event, other, twin, seen.factor)
+        for event, other in zip_longest(found, placebo)
     ]
     judged = truth.time_ns >= (task.judged_start_ns or 0)
-    row = _fate(task) | _alerts(seen, judged) | _detection(seen, clean, found, placebo)
+    row = _fate(task) | _alerts(seen, judged) | _detection(seen, twin, found, placebo)
     if task.attack is None or task.provenance == "real attack":
         row |= _false_alerts(seen, seen.clean(task.memory_s) & judged)
     return events, row
@@ -329,15 +361,13 @@ def _false_alerts(seen: Trace, clean: Bools) -> _Cells:
 
 
 def _detection(
-    seen: Trace, clean: Trace | None, found: Sequence[Event], placebo: Sequence[Event]
+    seen: Trace, twin: Twin | None, found: Sequence[Event], placebo: Sequence[Event]
 ) -> _Cells:
     truth = seen.truth
     if not truth.intervals:
         return {}
     over_all, over_available = detection_pct(seen.alert, ~np.isnan(seen.score), truth.spoofed)
-    alerted = (
-        None if clean is None else share(clean.alert, within(clean.truth.time_ns, truth.intervals))
-    )
+    alerted = None if twin is None else twin.alerted_share(truth.intervals, seen.factor)
     return {
         "detection_pct": over_all,
         "detection_pct_available": over_available,
@@ -345,13 +375,10 @@ def _detection(
         "detected": found[0].detected,
         "placebo_detected": placebo[0].detected if placebo else None,
         "ttfd_s": found[0].ttfd_s,
-        "partial_auc": _partial_auc(seen, clean),
     }
 
 
-def _event(
-    seen: Trace, event: Event, clean: Trace | None, placebo: Event | None, rules: Rules
-) -> _Cells:
+def _event(seen: Trace, event: Event, rules: Rules) -> _Cells:
     truth, interval = seen.truth, event.interval
     limit_m = rules.alert_limit_m
     done = harm(
@@ -368,10 +395,8 @@ def _event(
         "length_s": interval.duration_s,
         "alert_before": event.alert_before,
         "detected": event.detected,
-        "placebo_detected": placebo and placebo.detected,
         "ttfd_s": event.ttfd_s,
         "alerted_share": done.alerted_share,
-        "placebo_share": clean and share(clean.alert, interval.covers(clean.truth.time_ns)),
         "persisted_s": event.persisted_s,
         "retrust_s": event.retrust_s,
         "retrust_censored": event.retrust_censored,
@@ -383,12 +408,16 @@ def _event(
     }
 
 
-def _partial_auc(seen: Trace, clean: Trace | None) -> float | None:
-    if clean is None:
-        return None
-    curve = roc_curve(clean.score[clean.clean(0.0)], seen.score[seen.truth.spoofed])
-    return None if curve is None else partial_auc(*curve, P_FA_LIMIT)
+def _placebo(event: Event, other: Event | None, twin: Twin | None, factor: float) -> _Cells:
+    """The same interval of the unattacked recording."""
+    return {
+        "placebo_detected": other and other.detected,
+        "placebo_share": twin and twin.alerted_share((event.interval,), factor),
+    }
 
 
-def _table(rows: Sequence[Sequence[_Cells]], schema: pa.Schema) -> pa.Table:
-    return pa.Table.from_pylist([row for some in rows for row in some], schema)
+def _partial_auc(seen: Trace, twin: Twin | None) -> _Cells:
+    if twin is None or not seen.truth.intervals:
+        return {}
+    curve = roc_curve(twin.clean_score, seen.score[seen.truth.spoofed])
+    return {"partial_auc": None if curve is None else partial_auc(*curve, P_FA_LIMIT)}

@@ -98,6 +98,7 @@ class ScoredFolder:
             raise ResultsError(f"the scores in {folder} are not those of its tasks; score it again")
         self.variants = pd.Index(self.tasks["variant_id"].unique())
         self.sessions = pd.Index(self.tasks["session"].unique())
+        self.tasks["variant"] = self.variants.get_indexer(self.tasks["variant_id"])
         for rows in (scores, events):
             rows["variant"] = self.variants.get_indexer(rows["task_id"].map(variants))
         self.intervals = (
@@ -150,9 +151,9 @@ class ScoredFolder:
         among = support if len(support) else self._variants(own, input_class)
         classes = tuple(sorted(among["sensor_class"].unique()))
         clean = self._clean(provenance, input_class, classes)
-        of_table = {*self.variants.get_indexer([*support["variant_id"], *clean["variant_id"]])}
+        of_table = {*support["variant"], *clean["variant"]}
         is_calibrated = set().union(*self.calibrated.values()) & of_table
-        present = set(judged["detector"][judged["variant_id"].isin(among["variant_id"])])
+        present = set(judged["detector"][judged["variant"].isin(among["variant"])].unique())
         wanted = set(input_class.split("+"))
         return JudgedMaterial(
             provenance=provenance,
@@ -222,14 +223,13 @@ class ScoredFolder:
 
     def _faced(self, support: pd.DataFrame) -> dict[str, Any]:
         """The attack intervals of the support as columns; the window where nobody was scored."""
-        numbers = self.variants.get_indexer(support["variant_id"])
-        seen = self.intervals[self.intervals["variant"].isin(numbers)]
-        unseen = support[~np.isin(numbers, seen["variant"])]
+        seen = self.intervals[self.intervals["variant"].isin(support["variant"])]
+        unseen = support[~support["variant"].isin(seen["variant"])]
         length_s = (unseen["window_end_ns"] - unseen["window_start_ns"]) / 1e9
         nobody = np.full(len(unseen), len(self.intervals))
         return {
             "interval": np.append(seen.index.to_numpy(), nobody).astype(int),
-            "variant": np.append(seen["variant"], self.variants.get_indexer(unseen["variant_id"])),
+            "variant": np.append(seen["variant"], unseen["variant"]),
             "attack": np.append(seen["attack"], unseen["attack"]),
             "session": self.sessions.get_indexer(np.append(seen["session"], unseen["session"])),
             "start_ns": np.append(seen["start_ns"], unseen["window_start_ns"]).astype(np.int64),
@@ -257,7 +257,7 @@ class ScoredFolder:
             if point == "published":
                 hours_h = np.nan_to_num(scores["available_clean_h"])
                 np.maximum.at(most, scores["variant"].astype(int), hours_h)
-        return float(most[self.variants.get_indexer(clean["variant_id"])].sum())
+        return float(most[clean["variant"]].sum())
 
     def met(self, place: Place, faced: Columns) -> dict[str, Any]:
         """Return what became of each interval that is faced, columns ``(n,)``, NaN where there is
@@ -296,6 +296,6 @@ class ScoredFolder:
             return figures(
                 {name: np.empty(0) for name in names}, self.met((detector, point, "judged"), faced)
             )
-        rows = np.isin(scores["variant"], self.variants.get_indexer(clean["variant_id"]))
+        rows = np.isin(scores["variant"], clean["variant"])
         counted = {name: scores[name][rows] for name in names}
         return figures(counted, self.met((detector, point, "judged"), faced))
