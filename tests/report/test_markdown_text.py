@@ -52,7 +52,6 @@ def test_tables_are_headed_by_provenance_and_input_class(calibrated_folder):
     assert re.findall("^## (.*)$", text, re.MULTILINE) == [
         "Real attacks, detectors of gnss",
         "Attacks injected into real recordings, detectors of gnss",
-        "Thresholds carried to another sensor class",
         "What the columns mean",
     ]
     assert "- A single attack: whether and when it is detected is an anecdote" in text
