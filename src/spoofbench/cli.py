@@ -60,7 +60,7 @@ def demo(
     ),
     workers: Annotated[Optional[int], typer.Option(help="Tasks at a time.")] = None,  # noqa: UP045
 ) -> None:
-    """Convert, attack, run and report on a real drive and a really spoofed flight."""
+    """Run the whole chain on real recordings."""
     from spoofbench.demo import demonstrate
 
     with progress_bars() as progress:
@@ -386,7 +386,9 @@ def run(
         bool, typer.Option("--retry-failed", help="With --resume, run failed tasks again.")
     ] = False,
 ) -> None:
-    """Run a suite of detectors, and score it; what it has to fetch is fetched first.
+    """Run a suite of detectors, and score it.
+
+    Recordings that are not in the cache are fetched first.
 
     Exit code: 0 done, 3 some tasks failed; 1 if the suite cannot be run.
     """
