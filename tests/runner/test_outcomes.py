@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spoofbench import codec
+from spoofbench import cli, codec
 from spoofbench.decisions import Outcomes
 from spoofbench.detector import detect
 from spoofbench.errors import PluginError, ResultsError, SuiteError
@@ -387,3 +387,30 @@ def test_nothing_is_left_running_or_lying_about(
         while children.read_text().split() and time.monotonic() < deadline:
             time.sleep(0.05)
         assert not children.read_text().split()
+
+
+@pytest.mark.parametrize(("detector", "code"), [("steady", 0), ("raises", 3), ("demanding", 0)])
+def test_the_exit_code_says_whether_tasks_failed(
+    fakes: Path,
+    logs: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    detector: str,
+    code: int,
+) -> None:
+    """What was skipped or not modelled has not failed."""
+    monkeypatch.setattr(cli, "_leaderboard", lambda folder: None)
+    (tmp_path / "suite.toml").write_text(
+        'name = "one"\nseed = 1\nduration_s = 20.0\nwarm_up_s = 10.0\ntarget_far_per_hour = 1.0\n'
+        f'[[recordings]]\nid = "r"\npath = "{logs / "drive-1.mcap"}"\n'
+        f'[[attacks]]\nname = "nudge"\n[[detectors]]\nname = "{detector}"\n'
+    )
+    words = ["run", str(tmp_path / "suite.toml"), "-o", str(tmp_path / "results")]
+    try:
+        ended = cli.app(words, standalone_mode=False)
+    except SystemExit as end:
+        ended = end.code
+    assert (ended or 0) == code
+    said = capsys.readouterr().err
+    assert ("2 of 2 tasks failed, such as raises on r: RuntimeError" in said) == (code == 3)

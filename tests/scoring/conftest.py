@@ -132,7 +132,8 @@ class Bench:
         windows = [] if attack is None else [window]
         task_id = f"t{len(self.tasks)}"
         variant_id = f"{about.get('recording', 'drive')}-{attack}-{window[0]}-{window[1]}"
-        write_truth(self.path, variant_id, truth_of(windows, epochs), ["gnss/pvt", "imu"])
+        if variant_id not in {task.variant_id for task in self.tasks}:
+            write_truth(self.path, variant_id, truth_of(windows, epochs), ["gnss/pvt", "imu"])
         score, available = np.full(epochs, 0.5), np.ones(epochs, bool)
         score[list(alerts)], available[list(unavailable)] = level, False
         reason = None if status == "ok" else f"it is {status}"

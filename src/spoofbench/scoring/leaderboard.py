@@ -347,7 +347,7 @@ class _Table:
         best = min(baselines, key=_key, default=None)
         marked = [
             replace(row, not_better_than=best.detector)
-            if best and _can_rank(row) and not row.exceeds_target and _key(best) <= _key(row)
+            if best and _can_rank(row) and _key(best) <= _key(row)
             else row
             for row in rows
         ]

@@ -152,3 +152,20 @@ class Borrow(Nudge):
                 )
             }
         )
+
+
+@dataclass(frozen=True)
+class Thin(Nudge):
+    """Takes two of three epochs away."""
+
+    def apply(
+        self,
+        clean: Recording,
+        window: Interval,
+        rng: np.random.Generator,
+        donors: Sequence[Recording] = (),
+    ) -> Recording:
+        topic = clean.topics(PVT)[0]
+        table = clean[topic]
+        kept = ~window.covers(table.time_ns) | (np.arange(len(table)) % 3 == 0)
+        return clean.replace({topic: table.take(np.flatnonzero(kept))})
