@@ -260,7 +260,8 @@ def leaderboard(results: str | Path) -> pd.DataFrame:
             place = {"provenance": table.provenance, "input_class": table.input_class}
             point = table.point if row.ranked else "published"
             rows.append(place | about | {"point": point} | dataclasses.asdict(row.shown))
-    return pd.DataFrame(rows).set_index(["provenance", "input_class", "detector"])
+    index = ["provenance", "input_class", "detector"]
+    return pd.DataFrame(rows, columns=None if rows else index).set_index(index)
 
 
 def compare(a: str | Path, b: str | Path) -> Differences:

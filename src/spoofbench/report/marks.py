@@ -8,8 +8,8 @@ from spoofbench.scoring.leaderboard import BoardTable, LeaderboardRow
 
 MEANINGS = {
     "B": "baseline that others must beat; it has no rank.",
-    "*": "exceeds the target even at the lower end of its interval, and ranks below the rest.",
-    "?": "its false alerts have no interval: nobody knows whether it keeps the target.",
+    "*": "exceeds the target, even at the lower end of its interval, and stands below the rest.",
+    "?": "its false-alert rate is unknown: nobody knows whether it keeps the target.",
     "=": "its detections cannot be told apart from those of the row ranked first.",
     "<": "not better than the best baseline.",
     "a": "stands apart without a rank.",

@@ -55,8 +55,8 @@ class Figures:
         persisted_median_s: how long the alarm of a first detection goes on within the attack.
         retrust_median_s: from the release to the end of the alarm, over attacks whose alarm was on
             at the release; Kaplan-Meier, one whose end was not seen censored out.
-        warned, hazardous: attacks whose error exceeds the suite's alert limit, and how many of
-            them are detected in time; 0 of 0 where the suite has no limit.
+        warned, hazardous: of the attacks whose error exceeds the suite's alert limit, those that
+            are detected in time, and all of them; 0 and 0 where the suite has no limit.
     """
 
     episodes: int

@@ -23,7 +23,7 @@ from spoofbench.scoring.figures import Figures
 from spoofbench.scoring.score import Point
 from spoofbench.scoring.scored import JudgedMaterial, ScoredFolder
 from spoofbench.scoring.severity import SeverityCurve, severity_curve
-from spoofbench.scoring.statistics import session_means
+from spoofbench.scoring.statistics import MIN_SESSIONS, session_means
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +46,8 @@ class LeaderboardRow:
         factor_lo, factor_hi: the range of the factors on the published threshold.
         ranked: figures at the table's operating point; None where the row has none there.
         published: figures at the published threshold.
-        keeps_target: whether the lower end of the false-alert interval is at most the target; None
-            where the rate or its interval is unknown.
+        keeps_target: whether the lower end of the false-alert interval (the rate itself, where it
+            has none) is at most the target; None where the rate is unknown.
         not_better_than: the best baseline that does as well or better; None where it beats all.
         told_apart: from the row ranked first; None for that row and where it has no rank.
         sessions_needed: how many would tell it apart, where it is not.
@@ -87,7 +87,7 @@ class LeaderboardRow:
 
     @property
     def exceeds_target(self) -> bool:
-        """Whether the false-alert rate exceeds the target even at the lower end of its interval."""
+        """Whether it is known not to keep the target false-alert rate."""
         return self.keeps_target is False
 
     @property
@@ -282,7 +282,7 @@ class _Table:
             & thresholds["sensor_class"].isin(material.support["sensor_class"].unique())
         ]
         status = tasks["status"]
-        far_lo = ranked.far_per_hour_lo if ranked else None
+        far_lo = _lowest_far_per_hour(ranked) if ranked else None
         return LeaderboardRow(
             rank=None,
             apart=self._apart(about, tasks, ranked),
@@ -347,11 +347,11 @@ class _Table:
         best = min(baselines, key=_key, default=None)
         marked = [
             replace(row, not_better_than=best.detector)
-            if best and _can_rank(row) and _key(best) <= _key(row)
+            if best and _is_judged(row) and _key(best) <= _key(row)
             else row
             for row in rows
         ]
-        able = sorted((row for row in marked if _can_rank(row)), key=_key)
+        able = sorted((row for row in marked if self._can_rank(row)), key=_key)
         if len(able) < 2:
             return marked
         point, faced = self.material.point, self.material.faced
@@ -378,13 +378,13 @@ class _Table:
 
     def _ranked(self, rows: Sequence[LeaderboardRow]) -> list[LeaderboardRow]:
         """Put the best first and number those that can be ranked, equals equally."""
-        able = [row for row in rows if _can_rank(row)]
+        able = [row for row in rows if self._can_rank(row)]
         keys = sorted(_key(row) for row in able)
         numbered = [
             replace(row, rank=keys.index(_key(row)) + 1)
-            if _can_rank(row) and len(able) > 1
-            else replace(row, apart=row.apart or "the only row of its class")
-            if _can_rank(row)
+            if self._can_rank(row) and len(able) > 1
+            else replace(row, apart="the only row of its class")
+            if self._can_rank(row)
             else row
             for row in rows
         ]
@@ -392,6 +392,16 @@ class _Table:
             numbered,
             key=lambda row: (row.ranked is None, bool(row.apart) and len(able) > 1, *_key(row)),
         )
+
+    def _can_rank(self, row: LeaderboardRow) -> bool:
+        return _is_judged(row) and not self.has_few_sessions
+
+    @cached_property
+    def has_few_sessions(self) -> bool:
+        """Whether false alerts come from several sessions, but too few for an interval: nobody can
+        say who keeps the target.
+        """
+        return 1 < self.material.clean["session"].nunique() < MIN_SESSIONS
 
     @cached_property
     def nothing(self) -> pd.DataFrame:
@@ -453,20 +463,32 @@ class _Table:
                 f"{sessions} {noun} detectors apart on what was recorded; how they do elsewhere, "
                 "and whether the order holds, it takes 5 or more to say."
             )
+        if self.has_few_sessions:
+            yield (
+                "So few sessions give false alerts no interval: rows are in order, those above the "
+                "target last, and have no rank."
+            )
         if len(left_out):
             yield (
                 f"{left_out['recording'].nunique()} recordings are left out: their positions are "
                 "fused with the inertial sensors that they would be held against."
             )
-        if support["is_fused"].any():
+        if support["is_fused"].any() and "imu" in self.material.input_class.split("+"):
             yield (
                 "Positions of some recordings are fused with inertial sensors, which hides part of "
                 "what is compared."
             )
 
 
-def _can_rank(row: LeaderboardRow) -> bool:
+def _is_judged(row: LeaderboardRow) -> bool:
     return row.ranked is not None and not row.apart and not row.baseline
+
+
+def _lowest_far_per_hour(figures: Figures) -> float | None:
+    """The lower end of the false-alert interval; the rate itself where it has none."""
+    if figures.far_per_hour_lo is None:
+        return figures.far_per_hour
+    return figures.far_per_hour_lo
 
 
 def _key(row: LeaderboardRow) -> tuple[bool, float, float]:

@@ -33,7 +33,6 @@ _MET = (
     "retrust_s",
     "retrust_censored",
     "largest_error_before_alert_m",
-    "hazardous",
     "warned",
 )
 """Columns of scores and of events that figures rest on."""
@@ -109,6 +108,9 @@ class ScoredFolder:
         keys = pd.MultiIndex.from_frame(self.intervals[["variant", "start_ns"]])
         own = pd.MultiIndex.from_frame(events[["variant", "start_ns"]])
         events["interval"] = keys.get_indexer(own)
+        # it is the attack that is hazardous: what one detector shows holds for those without result
+        found: Any = events.groupby("interval")["hazardous"].max()
+        self.hazardous = found.astype(float).reindex(range(len(self.intervals) + 1)).to_numpy()
         self.calibrated = {
             str(detector): set(some["variant"][some["point"] == "calibrated"])
             for detector, some in scores.groupby("detector", sort=False)
@@ -263,7 +265,11 @@ class ScoredFolder:
         """Return what became of each interval that is faced, columns ``(n,)``, NaN where there is
         no result.
         """
-        columns = {"session": faced["session"], "length_s": faced["length_s"]}
+        columns = {
+            "session": faced["session"],
+            "length_s": faced["length_s"],
+            "hazardous": self.hazardous[faced["interval"]],
+        }
         events = self.events.get(place)
         if events is None:
             return columns | {name: np.full(faced["interval"].size, np.nan) for name in _MET}
