@@ -137,7 +137,7 @@ def test_a_window_that_nobody_was_scored_on_is_faced_by_all_or_none(bench: Any) 
 
 def test_a_row_that_requires_more_stands_apart(bench: Any) -> None:
     """It is judged on the windows that have what it requires, and has no rank among the others."""
-    poor = {"kinds": '["gnss/pvt"]', "recording": "poor", "session": "poor"}
+    poor = {"kinds": '["gnss/pvt"]', "recording": "poor"}
     for detector in ("a", "b", "wants-more"):
         requires = '["gnss/integrity"]' if detector == "wants-more" else '["gnss/pvt"]'
         rich = {"kinds": '["gnss/integrity","gnss/pvt"]', "requires": requires}

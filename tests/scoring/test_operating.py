@@ -3,7 +3,6 @@ and transfer say of it.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import floor, inf
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,8 @@ from spoofbench.scoring.operating import TARGETS_PER_HOUR
 S = 1_000_000_000
 EPOCHS = 200
 HOURS = EPOCHS / 3600
-WHOLE = {"calibration_start_ns": 0, "calibration_end_ns": EPOCHS * S}
+WHOLE: dict[str, Any] = {"calibration_start_ns": 0, "calibration_end_ns": EPOCHS * S}
+NO_PART: dict[str, Any] = dict.fromkeys(WHOLE)
 
 LEVELS = st.sampled_from([0.0, 0.3, 0.7, 1.0, 1.4, 2.0, 3.0])
 SCORES = st.lists(st.tuples(st.integers(5, 40), LEVELS), min_size=5, max_size=12).map(
@@ -162,7 +162,11 @@ def test_an_infinite_clean_score_cannot_be_calibrated(bench: Any) -> None:
 
 
 def test_only_the_calibrating_part_of_the_same_class_counts(bench: Any) -> None:
-    first = {"calibration_end_ns": 100 * S, "judged_start_ns": 100 * S, "held_out": "[]"}
+    first: dict[str, Any] = {
+        "calibration_end_ns": 100 * S,
+        "judged_start_ns": 100 * S,
+        "held_out": "[]",
+    }
     early, late = np.zeros(EPOCHS), np.zeros(EPOCHS)
     early[20], late[150] = 2.0, 9.0
     add(bench, early + late, "one", **first)
@@ -216,7 +220,7 @@ def test_a_fitted_detector_takes_what_its_state_has_not_seen(bench: Any) -> None
 def material(bench: Any, path: Path, scores: Sequence[Floats], about: dict[str, Any]) -> Any:
     """Sessions that calibrate and are judged, clean and under attack."""
     made = type(bench)(path)
-    attacked = {**dict.fromkeys(WHOLE), **about}
+    attacked = {**NO_PART, **about}
     for number, score in enumerate(scores):
         add(made, score, f"s{number}", **about)
         for attack, shift in (("weak", 0.5), ("strong", 2.0)):
@@ -275,21 +279,27 @@ def test_a_threshold_of_one_class_is_carried_to_another(
     phones: list[Floats],
     target: float,
 ) -> None:
-    """From all sessions of the class, also where the other has no thresholds of its own."""
-    made = material(bench, tmp_path_factory.mktemp("results"), phones, {**dict.fromkeys(WHOLE)})
-    for task in made.tasks:
-        assert not task.calibrates
-    made.tasks = [replace(task, sensor_class="phone") for task in made.tasks]
+    """From all sessions of the class, whatever is held out within the other."""
+    made = material(bench, tmp_path_factory.mktemp("results"), phones, {"sensor_class": "phone"})
     for number, score in enumerate(cars):
-        add(made, score, f"car{number}", detector="d")
+        add(made, score, f"car{number}")
     calibrated(made, target)
-    (row,) = made.rows("transfer")
-    factor, _ = expected(cars, target)
-    assert (row["detector"], row["fitted_on"], row["judged_on"]) == ("d", "car", "phone")
-    assert row["factor"] == factor
-    assert row["episodes"] == episodes(phones, factor)
-    assert row["clean_h"] == pytest.approx(len(phones) * HOURS)
-    assert row["attacks"] == 2 * len(phones)
+    rows = {(row["fitted_on"], row["judged_on"]): row for row in made.rows("transfer")}
+    assert rows.keys() == {("car", "phone"), ("phone", "car")}
+    for (fitted_on, judged_on), row in rows.items():
+        factor, _ = expected({"car": cars, "phone": phones}[fitted_on], target)
+        judged = {"car": cars, "phone": phones}[judged_on]
+        assert (row["detector"], row["factor"]) == ("d", factor)
+        assert row["episodes"] == episodes(judged, factor)
+        assert row["clean_h"] == pytest.approx(len(judged) * HOURS)
+        assert row["attacks"] == (2 * len(phones) if judged_on == "phone" else 0)
+
+
+def test_nothing_is_carried_to_a_class_that_is_not_calibrated(bench: Any) -> None:
+    add(bench, steps(2.0), "one")
+    add(bench, steps(2.0), "two", sensor_class="phone", **NO_PART)
+    calibrated(bench, 100.0)
+    assert bench.rows("transfer") == []
 
 
 def test_nothing_is_carried_within_a_class_or_from_what_cannot_be_calibrated(bench: Any) -> None:
