@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose
 from spoofbench_innovation.measurements import measurements
-from spoofbench_innovation.trajectory import nominal_trajectory, starts
+from spoofbench_innovation.trajectory import nominal_trajectory, rotation, starts
 
+from spoofbench.arrays import Floats
+from spoofbench.navigation.preintegration import rotations
 from spoofbench.testing import drive
 
 FLOOR = (1.5, 3.0, 0.05, 0.1)
@@ -116,3 +120,10 @@ def test_no_alignment_without_motion_or_with_another_motion() -> None:
     )
     foreign = nominal_trajectory(other.primary("imu"), table.time_ns, 0, 60.0, OFFSET)
     assert not list(starts(measurements(table, FLOOR, False), foreign))
+
+
+@given(
+    angle_rad=arrays(float, 3, elements=st.floats(-3, 3) | st.just(0.0) | st.floats(-1e-9, 1e-9))
+)
+def test_the_rotation_of_one_step_is_that_of_many(angle_rad: Floats) -> None:
+    assert_allclose(rotation(*angle_rad.tolist()), rotations(angle_rad), rtol=0, atol=1e-14)

@@ -6,6 +6,7 @@ in all horizontal directions, the filter's covariances do not depend on that azi
 trajectory they are a function of the IMU and of the times of the epochs, whatever GNSS says.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -16,7 +17,6 @@ from spoofbench.navigation.preintegration import (
     Increments,
     increments,
     rotation_vectors,
-    rotations,
 )
 from spoofbench.table import Table
 from spoofbench_innovation.measurements import Measurements
@@ -100,6 +100,36 @@ def _edges(epoch_ns: Times, restart_s: float) -> tuple[Times, Indices]:
     return np.concatenate([cut, epoch_ns[-1:]]), epoch
 
 
+def rotation(x_rad: float, y_rad: float, z_rad: float) -> Floats:
+    """Return the matrix of one rotation vector (Rodrigues), shape ``(3, 3)``: what
+    :func:`~spoofbench.navigation.preintegration.rotations` gives, a hundred times as fast for one.
+    """
+    square = x_rad * x_rad + y_rad * y_rad + z_rad * z_rad
+    angle = math.sqrt(square)
+    sine = math.sin(angle) / angle if angle else 1.0
+    half = math.sin(angle / 2) / (angle / 2) if angle else 1.0
+    versine = half * half / 2
+    return np.array(
+        [
+            [
+                1 - versine * (y_rad * y_rad + z_rad * z_rad),
+                versine * x_rad * y_rad - sine * z_rad,
+                versine * x_rad * z_rad + sine * y_rad,
+            ],
+            [
+                versine * x_rad * y_rad + sine * z_rad,
+                1 - versine * (x_rad * x_rad + z_rad * z_rad),
+                versine * y_rad * z_rad - sine * x_rad,
+            ],
+            [
+                versine * x_rad * z_rad - sine * y_rad,
+                versine * y_rad * z_rad + sine * x_rad,
+                1 - versine * (x_rad * x_rad + y_rad * y_rad),
+            ],
+        ]
+    )
+
+
 def _chained(steps: Increments, epoch: Indices, offset_radps: float) -> Trajectory:
     """Chain the steps' rotations.
 
@@ -137,7 +167,7 @@ def _chained(steps: Increments, epoch: Indices, offset_radps: float) -> Trajecto
             / max(np.linalg.norm(force), 1e-9)
         )
         correction[k] = levelled - attitude @ steps.mean_rotation[k] @ offset * step_s
-        attitude = rotations(correction[k]) @ attitude @ steps.rotation[k]
+        attitude = rotation(*correction[k].tolist()) @ attitude @ steps.rotation[k]
     return Trajectory(
         epoch,
         np.where(steps.known, run, -1),
