@@ -8,8 +8,8 @@ from spoofbench.report.marks import MEANINGS, marks
 CASES = [
     ({"baseline": True, "rank": None}, "B", "baseline"),
     ({"keeps_target": False}, "*", "exceeds the target"),
-    ({"keeps_target": None}, "?", "unknown whether it keeps the target"),
-    ({"keeps_target": None, "rank": None}, "", ""),
+    ({"ranked": {"far_per_hour_lo": None}}, "?", "no interval of its false alerts"),
+    ({"ranked": {"far_per_hour_lo": None}, "rank": None}, "", ""),
     (
         {"told_apart": False, "sessions_needed": 1200},
         "=",
@@ -42,6 +42,8 @@ CASES = [
 
 @pytest.mark.parametrize(("about", "letter", "said"), CASES)
 def test_each_mark_has_its_cause(made_up, about, letter, said):
+    if about.get("ranked"):
+        about = about | {"ranked": made_up("figures", **about["ranked"])}
     row = made_up("row", **about)
     table = made_up("table", row)
     assert "".join(mark.letter for mark in marks(table, row)) == letter

@@ -9,7 +9,7 @@ from spoofbench.scoring.leaderboard import BoardTable, LeaderboardRow
 MEANINGS = {
     "B": "baseline that others must beat; it has no rank.",
     "*": "exceeds the target, even at the lower end of its interval, and stands below the rest.",
-    "?": "its false-alert rate is unknown: nobody knows whether it keeps the target.",
+    "?": "its false alerts have no interval: whether it keeps the target is by its rate alone.",
     "=": "its detections cannot be told apart from those of the row ranked first.",
     "<": "not better than the best baseline.",
     "a": "stands apart without a rank.",
@@ -55,8 +55,8 @@ def _marks(table: BoardTable, row: LeaderboardRow) -> Iterator[Mark]:
         yield Mark("B", "baseline")
     if row.exceeds_target:
         yield Mark("*", "exceeds the target")
-    if row.rank is not None and row.keeps_target is None:
-        yield Mark("?", "unknown whether it keeps the target")
+    if row.rank is not None and row.shown.far_per_hour_lo is None:
+        yield Mark("?", "no interval of its false alerts")
     if row.told_apart is False:
         needed = row.sessions_needed
         more = "" if needed is None else f" (about {needed:,} sessions could)"

@@ -347,11 +347,11 @@ class _Table:
         best = min(baselines, key=_key, default=None)
         marked = [
             replace(row, not_better_than=best.detector)
-            if best and _is_judged(row) and _key(best) <= _key(row)
+            if best and _can_rank(row) and _key(best) <= _key(row)
             else row
             for row in rows
         ]
-        able = sorted((row for row in marked if self._can_rank(row)), key=_key)
+        able = sorted((row for row in marked if _can_rank(row)), key=_key)
         if len(able) < 2:
             return marked
         point, faced = self.material.point, self.material.faced
@@ -378,13 +378,13 @@ class _Table:
 
     def _ranked(self, rows: Sequence[LeaderboardRow]) -> list[LeaderboardRow]:
         """Put the best first and number those that can be ranked, equals equally."""
-        able = [row for row in rows if self._can_rank(row)]
+        able = [row for row in rows if _can_rank(row)]
         keys = sorted(_key(row) for row in able)
         numbered = [
             replace(row, rank=keys.index(_key(row)) + 1)
-            if self._can_rank(row) and len(able) > 1
+            if _can_rank(row) and len(able) > 1
             else replace(row, apart="the only row of its class")
-            if self._can_rank(row)
+            if _can_rank(row)
             else row
             for row in rows
         ]
@@ -392,16 +392,6 @@ class _Table:
             numbered,
             key=lambda row: (row.ranked is None, bool(row.apart) and len(able) > 1, *_key(row)),
         )
-
-    def _can_rank(self, row: LeaderboardRow) -> bool:
-        return _is_judged(row) and not self.has_few_sessions
-
-    @cached_property
-    def has_few_sessions(self) -> bool:
-        """Whether false alerts come from several sessions, but too few for an interval: nobody can
-        say who keeps the target.
-        """
-        return 1 < self.material.clean["session"].nunique() < MIN_SESSIONS
 
     @cached_property
     def nothing(self) -> pd.DataFrame:
@@ -463,10 +453,10 @@ class _Table:
                 f"{sessions} {noun} detectors apart on what was recorded; how they do elsewhere, "
                 "and whether the order holds, it takes 5 or more to say."
             )
-        if self.has_few_sessions:
+        if 1 < self.material.clean["session"].nunique() < MIN_SESSIONS:
             yield (
-                "So few sessions give false alerts no interval: rows are in order, those above the "
-                "target last, and have no rank."
+                "So few sessions give false alerts no interval: whether a row keeps the target is "
+                "by its rate alone, and the order is no claim."
             )
         if len(left_out):
             yield (
@@ -480,7 +470,7 @@ class _Table:
             )
 
 
-def _is_judged(row: LeaderboardRow) -> bool:
+def _can_rank(row: LeaderboardRow) -> bool:
     return row.ranked is not None and not row.apart and not row.baseline
 
 
