@@ -68,6 +68,23 @@ def test_one_false_alert_in_a_short_recording_does_not_prove_that_the_target_is_
     assert row.keeps_target is True
 
 
+@pytest.mark.parametrize(("false", "keeps"), [([50], True), ([20, 40, 60, 80], False)])
+def test_few_sessions_have_no_interval_and_keep_the_target_as_if_they_were_one(
+    bench: Any, false: list[int], keeps: bool
+) -> None:
+    """Twice 200 s: one episode says nothing of a target of 1/h, eight say that it is exceeded."""
+    bench.suite |= {"target_far_per_hour": 1.0}
+    for session in ("one", "two"):
+        place = {"recording": session, "session": session}
+        add(bench, "d", false if session == "one" or not keeps else [], range(100, 160), **place)
+    table = only_table(bench)
+    row = table.rows[0]
+    assert row.published.far_per_hour_lo is None
+    assert row.published.far_per_hour == pytest.approx(len(false) * (1 if keeps else 2) * 9)
+    assert row.keeps_target is keeps
+    assert "the order is no claim" in " ".join(table.notes)
+
+
 def test_equals_share_a_rank(bench: Any) -> None:
     for detector in ("a", "b", "c"):
         add(bench, detector, [], range(110, 160) if detector != "c" else [])

@@ -9,7 +9,7 @@ from spoofbench.scoring.leaderboard import BoardTable, LeaderboardRow
 MEANINGS = {
     "B": "baseline that others must beat; it has no rank.",
     "*": "exceeds the target, even at the lower end of its interval, and stands below the rest.",
-    "?": "its false alerts have no interval: whether it keeps the target is by its rate alone.",
+    "?": "no interval holds for its false alerts: it keeps the target if sessions are alike.",
     "=": "its detections cannot be told apart from those of the row ranked first.",
     "<": "not better than the best baseline.",
     "a": "stands apart without a rank.",

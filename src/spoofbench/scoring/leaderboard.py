@@ -23,7 +23,7 @@ from spoofbench.scoring.figures import Figures
 from spoofbench.scoring.score import Point
 from spoofbench.scoring.scored import JudgedMaterial, ScoredFolder
 from spoofbench.scoring.severity import SeverityCurve, severity_curve
-from spoofbench.scoring.statistics import MIN_SESSIONS, session_means
+from spoofbench.scoring.statistics import MIN_SESSIONS, poisson_rate, session_means
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +46,8 @@ class LeaderboardRow:
         factor_lo, factor_hi: the range of the factors on the published threshold.
         ranked: figures at the table's operating point; None where the row has none there.
         published: figures at the published threshold.
-        keeps_target: whether the lower end of the false-alert interval (the rate itself, where it
-            has none) is at most the target; None where the rate is unknown.
+        keeps_target: whether the lower end of the false-alert interval (where it has none, of all
+            sessions as if they were one) is at most the target; None where the rate is unknown.
         not_better_than: the best baseline that does as well or better; None where it beats all.
         told_apart: from the row ranked first; None for that row and where it has no rank.
         sessions_needed: how many would tell it apart, where it is not.
@@ -455,8 +455,8 @@ class _Table:
             )
         if 1 < self.material.clean["session"].nunique() < MIN_SESSIONS:
             yield (
-                "So few sessions give false alerts no interval: whether a row keeps the target is "
-                "by its rate alone, and the order is no claim."
+                "No interval of false alerts holds for so few sessions: whether a row keeps the "
+                "target supposes that they are alike, and the order is no claim."
             )
         if len(left_out):
             yield (
@@ -475,9 +475,12 @@ def _can_rank(row: LeaderboardRow) -> bool:
 
 
 def _lowest_far_per_hour(figures: Figures) -> float | None:
-    """The lower end of the false-alert interval; the rate itself where it has none."""
+    """The lower end of the false-alert interval; where there is none, the exact one of all sessions
+    as if they were one.
+    """
     if figures.far_per_hour_lo is None:
-        return figures.far_per_hour
+        pooled = poisson_rate(figures.episodes, figures.clean_h)
+        return None if pooled is None else pooled.lo
     return figures.far_per_hour_lo
 
 
