@@ -229,7 +229,7 @@ def test_fused_positions_are_not_ranked_against_an_imu_unless_the_suite_says_so(
     assert (held.windows, plain.windows) == (2 if said else 1, 2)
     assert [row.published.episodes for row in held.rows] == [1, 1] if said else [0, 0]
     words = " ".join(held.notes)
-    assert ("1 recordings are left out" in words) == (not said)
+    assert ("Left out: 1 recording with positions" in words) == (not said)
     assert ("fused with inertial sensors, which hides" in words) == said
 
 

@@ -295,6 +295,18 @@ def test_a_threshold_of_one_class_is_carried_to_another(
         assert row["attacks"] == (2 * len(phones) if judged_on == "phone" else 0)
 
 
+def test_no_threshold_is_carried_from_a_session_that_is_judged(bench: Any) -> None:
+    """One outing with two receivers: what was recorded then sets no threshold for itself."""
+    add(bench, steps(2.0), "outing")
+    add(bench, steps(9.0), "other")
+    add(bench, steps(1.0), "outing", recording="phone", sensor_class="phone")
+    calibrated(bench, 100.0)
+    factors = {
+        (row["fitted_on"], row["judged_on"]): row["factor"] for row in bench.rows("transfer")
+    }
+    assert factors == {("car", "phone"): expected([steps(9.0)], 100.0)[0]}
+
+
 def test_nothing_is_carried_to_a_class_that_is_not_calibrated(bench: Any) -> None:
     add(bench, steps(2.0), "one")
     add(bench, steps(2.0), "two", sensor_class="phone", **NO_PART)

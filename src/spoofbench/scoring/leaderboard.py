@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from spoofbench.formatting import counted
 from spoofbench.results import FAILURES, Provenance
 from spoofbench.scoring.comparison import compare_with_first
 from spoofbench.scoring.figures import Figures
@@ -460,8 +461,8 @@ class _Table:
             )
         if len(left_out):
             yield (
-                f"{left_out['recording'].nunique()} recordings are left out: their positions are "
-                "fused with the inertial sensors that they would be held against."
+                f"Left out: {counted(left_out['recording'].nunique(), 'recording')} with positions "
+                "that are fused with the inertial sensors that they would be held against."
             )
         if support["is_fused"].any() and "imu" in self.material.input_class.split("+"):
             yield (

@@ -9,7 +9,7 @@ judged on another.
 """
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -85,6 +85,10 @@ class Key(NamedTuple):
     left_out: str | None
 
 
+def _carried(detector: str, fitted_on: str, judged_on: str) -> Key:
+    return Key(detector, fitted_on, f"sessions of {judged_on}", None)
+
+
 def _key(task: Task) -> Key:
     return Key(task.detector, task.sensor_class, task.held_out, task.left_out)
 
@@ -126,11 +130,15 @@ class Thresholds:
         """Return the sum of the episode curves of what may calibrate for a task."""
         return self._curve(_key(task), is_fitted=task.fit_id is not None)
 
-    def class_curve(self, detector: str, sensor_class: str) -> EpisodeCurve | None:
-        """Return that of all sessions of a class; None where there is none, and where a recording
-        has several: of a fitted detector, whose states differ in what was held out.
+    def class_curve(
+        self, detector: str, sensor_class: str, unseen: Set[str]
+    ) -> EpisodeCurve | None:
+        """Return that of all sessions of a class but those unseen; None where there is none, and
+        where a recording has several: of a fitted detector, whose states differ in what was held
+        out.
         """
-        clean = self._clean.get((detector, sensor_class), [])
+        of_class = self._clean.get((detector, sensor_class), [])
+        clean = [each for each in of_class if each.task.session not in unseen]
         if not clean or len({each.task.variant_id for each in clean}) < len(clean):
             return None
         return total(each.curve for each in clean)
@@ -202,14 +210,21 @@ class _Sum:
 
 @dataclass(slots=True)
 class Curves:
-    """Operating curves and transfer, as tasks are scored."""
+    """Operating curves and transfer, as tasks are scored.
+
+    Attributes:
+        thresholds: of the folder.
+        sessions: of each sensor class that is calibrated: between these, thresholds are carried,
+            but for those from sessions that are judged.
+    """
 
     thresholds: Thresholds
+    sessions: Mapping[str, Set[str]]
     _factors: dict[Key, Floats | None] = field(default_factory=dict)
     _sums: dict[tuple[str, str, str], _Sum] = field(default_factory=dict)
     _transfer: dict[tuple[str, str, str], _Sum] = field(default_factory=dict)
 
-    def add(self, task: Task, trace: Trace, twin: Twin | None, classes: Sequence[str]) -> None:
+    def add(self, task: Task, trace: Trace, twin: Twin | None) -> None:
         """Take up a task that is judged.
 
         Args:
@@ -217,7 +232,6 @@ class Curves:
             trace: what its detector decided.
             twin: what it decided on the unattacked recording; None where that is the task's own,
                 or there is none.
-            classes: that thresholds may be carried over from, and to.
         """
         if task.role != "judged":
             return
@@ -225,8 +239,8 @@ class Curves:
         if factors is not None:
             key = (task.detector, task.sensor_class, task.provenance)
             _take_up(self._sums.setdefault(key, _Sum(0)), task, trace, twin, factors)
-        if task.sensor_class in classes:
-            for other in classes:
+        if task.sensor_class in self.sessions:
+            for other in self.sessions:
                 if other != task.sensor_class:
                     self._carry(task, trace, twin, other)
 
@@ -244,9 +258,10 @@ class Curves:
         return self._factors[key]
 
     def _carry(self, task: Task, trace: Trace, twin: Twin | None, other: str) -> None:
-        key = Key(task.detector, other, "all", None)
+        key = _carried(task.detector, other, task.sensor_class)
         if key not in self._factors:
-            curve = self.thresholds.class_curve(task.detector, other)
+            unseen = self.sessions[task.sensor_class]
+            curve = self.thresholds.class_curve(task.detector, other, unseen)
             found = curve and threshold(curve, self.thresholds.target_per_hour).factor
             self._factors[key] = None if found is None else np.array([found], float)
         factors = self._factors[key]
@@ -280,7 +295,7 @@ class Curves:
         write_parquet(folder / "curves.parquet", pa.Table.from_pylist(rows, CURVE_SCHEMA))
         carried = []
         for (detector, fitted_on, judged_on), each in self._transfer.items():
-            factors = self._factors[Key(detector, fitted_on, "all", None)]
+            factors = self._factors[_carried(detector, fitted_on, judged_on)]
             carried.append(
                 {
                     "detector": detector,

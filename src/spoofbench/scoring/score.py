@@ -147,7 +147,10 @@ def score_folder(folder: Path) -> None:
     for task, seen in reading.calibrating():
         thresholds.add(seen, task)
     classes = sorted({task.sensor_class for task in tasks if task.calibrates})
-    curves = Curves(thresholds)
+    curves = Curves(
+        thresholds,
+        {name: {task.session for task in tasks if task.sensor_class == name} for name in classes},
+    )
     scores, events = _Rows(SCORE_SCHEMA), _Rows(EVENT_SCHEMA)
     unscored = {index for index, task in enumerate(tasks) if task.is_judged}
     for index, seen, twin in reading.judged():
@@ -160,7 +163,7 @@ def score_folder(folder: Path) -> None:
             scores.add(index, named | row | auc)
             for event in found:
                 events.add(index, named | event)
-        curves.add(task, seen, twin, classes)
+        curves.add(task, seen, twin)
     for index in unscored:
         task = tasks[index]
         for point, factor in _points(thresholds, task):
