@@ -196,6 +196,7 @@ def _task(
 _SUITE = {
     "name": "made-up",
     "target_far_per_hour": 1.0,
+    "memory_cap_s": 130.0,
     "alert_limit_m": 50.0,
     "time_to_alert_s": 10.0,
     "warm_up_s": float(WARM_UP_S),

@@ -82,6 +82,9 @@ MEMORY_CAP_S = 130.0
 """Longest that an alarm may outlast its cause, unless a suite says otherwise."""
 
 SOURCES = ("published", "data sheet", "by hand")
+SUITES_TARGET = "the suite's target"
+"""Where the rate of a detector comes from that the suite leaves open."""
+
 _SESSION = "session "
 
 

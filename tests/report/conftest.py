@@ -57,6 +57,7 @@ def all_ok(detector: str, attack: str | None) -> tuple[Status, str | None]:
 SUITE = {
     "name": "stand-in",
     "target_far_per_hour": 1.0,
+    "memory_cap_s": 130.0,
     "alert_limit_m": 50.0,
     "time_to_alert_s": 10.0,
     "warm_up_s": None,
@@ -369,6 +370,7 @@ def some_table(*rows: LeaderboardRow, **about: Any) -> BoardTable:
         "point": "calibrated",
         "attacks": ("replay",),
         "windows": 4,
+        "disjoint_windows": 4,
         "recordings": 1,
         "sessions": 1,
         "sensor_classes": ("car",),
@@ -456,6 +458,7 @@ def boards_of(draw: Any) -> Leaderboard:
                 point=draw(st.sampled_from(["calibrated", "published"])),
                 attacks=tuple(draw(st.lists(NAMES, max_size=12))) if windows else (),
                 windows=windows,
+                disjoint_windows=windows,
             )
         )
     curve = SeverityCurve(np.array([1.0, 2.0]), np.array([0.2, 0.7]), 4, 1)

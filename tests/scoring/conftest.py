@@ -104,6 +104,7 @@ class Bench:
         default_factory=lambda: {
             "name": "bench",
             "target_far_per_hour": 1.0,
+            "memory_cap_s": 0.0,
             "alert_limit_m": None,
             "time_to_alert_s": 0.0,
             "warm_up_s": None,

@@ -130,10 +130,11 @@ def test_a_variant_that_could_not_be_made_is_nobodys_miss(bench: Any) -> None:
 def test_an_attack_in_the_unattacked_recording_is_neither_clean_nor_within_the_guard(
     bench: Any,
 ) -> None:
-    """A field recording may itself hold an attack: here at 100-160 s, with a memory of 20 s after
-    it.
+    """A field recording may itself hold an attack: here at 100-160 s, with a guard of 20 s after
+    it, however long the detector says that it remembers.
     """
-    bench.add("d", "real", alerts=[50, 120, 175], memory_s=20.0)
+    bench.suite["memory_cap_s"] = 20.0
+    bench.add("d", "real", alerts=[50, 120, 175], memory_s=1e6)
     bench.tasks[0] = replace(bench.tasks[0], attack=None)
     (row,) = bench.score()
     assert (row["episodes"], row["available_clean_h"]) == (1, 120 / 3600)

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from spoofbench.scoring.leaderboard import BoardTable, LeaderboardRow
+from spoofbench.suite import SUITES_TARGET
 
 MEANINGS = {
     "B": "baseline that others must beat; it has no rank.",
@@ -78,6 +79,7 @@ def _marks(table: BoardTable, row: LeaderboardRow) -> Iterator[Mark]:
     by_source: dict[str, list[str]] = {}
     for name, source in json.loads(row.parameter_sources).items():
         by_source.setdefault(source, []).append(name)
+    by_source.pop(SUITES_TARGET, None)  # the board says what the target is
     for source, names in by_source.items():
         yield Mark(_SOURCES.get(source, "s"), f"{source}: {', '.join(names)}")
     missing = row.failed + row.skipped + row.not_modelled

@@ -48,7 +48,8 @@ def evidence(board: Leaderboard, table: BoardTable) -> str:
         attacks = "No attack"
     else:
         attacks = (
-            f"{counted(table.windows, 'attack window')} in "
+            f"{counted(table.windows, 'attack')} in "
+            f"{counted(table.disjoint_windows, 'disjoint window')} of "
             f"{counted(table.recordings, 'recording')} of {counted(table.sessions, 'session')}"
         )
     clean = (

@@ -38,7 +38,14 @@ from spoofbench.runner.plan import (
 from spoofbench.runner.store import Cost, FitOutcome, ResultStore
 from spoofbench.sandbox import Sandbox, Worker, WorkerChannel, WorkerDied, WorkerTimedOut
 from spoofbench.scoring.grid import GUARD_S
-from spoofbench.suite import RATE_PARAMETER, AttackEntry, DetectorEntry, RecordingEntry, Suite
+from spoofbench.suite import (
+    RATE_PARAMETER,
+    SUITES_TARGET,
+    AttackEntry,
+    DetectorEntry,
+    RecordingEntry,
+    Suite,
+)
 
 _PREPARING = 10.0
 """Reading a recording, and making a variant of it, may take so many times a task's time: neither is
@@ -129,7 +136,7 @@ def _sources(suite: Suite, entry: DetectorEntry, changed: Iterable[str]) -> dict
                 "suite does not say where it comes from; add source = 'published', 'data sheet', "
                 "'by hand' or 'session ID', or leave it out"
             )
-        sources[name] = source or "the suite's target"
+        sources[name] = source or SUITES_TARGET
     return sources
 
 

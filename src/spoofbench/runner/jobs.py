@@ -14,6 +14,7 @@ Only the job of a recording knows the truth, and that of a fit the truth of its 
 """
 
 import hashlib
+import math
 import pickle
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -195,6 +196,9 @@ def _contract(group: plugins.Group, made: Any) -> Record:
     }
     if group == plugins.ATTACKS:
         return about | {"models": sorted(map(str, made.models)), "strength": float(made.strength)}
+    for name, value_s in (("memory_s", made.memory_s), ("warm_up_s", warm_up_s(made))):
+        if not 0 <= value_s < math.inf:
+            raise ValueError(f"{name} must be finite and at least 0, not {value_s!r}")
     return about | {
         "requires": [str(kind) for kind in made.requires],
         "uses": [str(kind) for kind in made.uses],

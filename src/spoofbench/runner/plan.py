@@ -215,7 +215,7 @@ class PlannedTask:
             requires=identity.canonical(sorted(detector.requires)),
             memory_s=detector.memory_s,
             warm_up_s=detector.warm_up_s,
-            learns_from_attacks=detector.is_fitted and detector.learns_from_attacks,
+            learns_from_attacks=bool(self.fit and self.fit.attacked),
             baseline=detector.baseline,
             hold_s=entry.hold_s if isinstance(entry, DetectorEntry) else None,
             status=status,
@@ -295,10 +295,11 @@ class _Planner:
         yield self._task("judged", variant, detector, unseen, part, judged_from_ns, fitted)
         if detector.learns_from_attacks and variant.attack and not info.failure:
             without = replace(unseen, attack=variant.attack.plugin.name)
-            fitted = self._fit(detector, recording.sensor_class, without)
-            yield self._task(
-                "family left out", variant, detector, without, None, judged_from_ns, fitted
-            )
+            other = self._fit(detector, recording.sensor_class, without)
+            if other is not fitted:  # else it has learned from no attack of that family
+                yield self._task(
+                    "family left out", variant, detector, without, None, judged_from_ns, other
+                )
 
     def _thresholds(
         self, detector: ConfiguredPlugin, sensor_class: str, unseen: Unseen
@@ -433,7 +434,8 @@ class _Planner:
         info = self.infos[recording.id]
         if recording.side == "calibration":
             return None
-        if self.suite.is_calibrated(recording) and self._split.until_s is not None:
+        has_first_part = self.suite.is_calibrated(recording) and self._split.until_s is not None
+        if has_first_part and not info.is_really_attacked:
             return self._first_part_end_ns(info)
         return info.span.start_ns
 

@@ -117,6 +117,7 @@ class BoardTable:
         cells: of each row in their order, by attack in the order of the suite.
         attacks: in the order of the suite.
         windows: number of attack intervals in the support.
+        disjoint_windows: in how many stretches of recordings they lie: attacks share them.
         recordings, sessions: that the support lies in.
         sensor_classes: of those recordings.
         clean_h, clean_sessions: hours of recordings on which false alerts are counted, and their
@@ -131,6 +132,7 @@ class BoardTable:
     cells: tuple[LeaderboardCell, ...]
     attacks: tuple[str, ...]
     windows: int
+    disjoint_windows: int
     recordings: int
     sessions: int
     sensor_classes: tuple[str, ...]
@@ -211,8 +213,8 @@ class Leaderboard:
 def leaderboard(folder: Path) -> Leaderboard:
     """Return the leaderboard of a scored results folder.
 
-    Rows that keep the target false-alert rate come before those that do not; within each by
-    attacks detected, then by restricted mean time to first detection.
+    Rows that keep the target false-alert rate come before those that do not, or whose rate is
+    unknown; within each by attacks detected, then by restricted mean time to first detection.
 
     Raises:
         ResultsError: a file of the folder is missing or damaged, or the folder has no tasks.
@@ -261,6 +263,7 @@ class _Table:
             cells=tuple(self._cell(row, attack) for row in self.rows for attack in attacks),
             attacks=tuple(attacks),
             windows=faced["interval"].size,
+            disjoint_windows=self._disjoint_windows(),
             recordings=support["recording"].nunique(),
             sessions=support["session"].nunique(),
             sensor_classes=material.sensor_classes,
@@ -281,12 +284,14 @@ class _Table:
         used = thresholds[
             (thresholds["detector"] == detector)
             & thresholds["sensor_class"].isin(material.support["sensor_class"].unique())
+            & thresholds["left_out"].isna()
         ]
+        how = _worst(used["how"]) if point == "calibrated" else "published"
         status = tasks["status"]
         far_lo = _lowest_far_per_hour(ranked) if ranked else None
         return LeaderboardRow(
             rank=None,
-            apart=self._apart(about, tasks, ranked),
+            apart=self._apart(about, tasks, ranked, how),
             detector=detector,
             plugin=about["plugin"],
             plugin_distribution=about["plugin_distribution"],
@@ -296,7 +301,7 @@ class _Table:
             baseline=bool(about["baseline"]),
             is_fitted=bool(tasks["fit_id"].notna().any()),
             learns_from_attacks=bool(tasks["learns_from_attacks"].any()),
-            threshold=_worst(used["how"]) if point == "calibrated" else "published",
+            threshold=how,
             factor_lo=_number(used["factor"].min()),
             factor_hi=_number(used["factor"].max()),
             ranked=ranked,
@@ -318,7 +323,7 @@ class _Table:
         """Numbers of the support and of what false alerts are counted on."""
         return np.union1d(self.material.support["variant"], self.material.clean["variant"])
 
-    def _apart(self, about: Any, tasks: pd.DataFrame, ranked: Figures | None) -> str:
+    def _apart(self, about: Any, tasks: pd.DataFrame, ranked: Figures | None, how: str) -> str:
         if about["baseline"]:
             return ""
         support = self.material.support
@@ -327,12 +332,23 @@ class _Table:
         had = sum(kinds[[required <= set(json.loads(text)) for text in kinds.index]])
         if had < len(support):
             return f"judged on {had} of {len(support)} windows: it requires more, or is for others"
-        declared = self.scored.suite["warm_up_s"]
+        declared = self._warm_up_s
         if declared is not None and about["warm_up_s"] > declared:
             return f"it needs {about['warm_up_s']:g} s of input, the suite gives {declared:g} s"
-        if ranked is None:
+        if ranked is None and how == "uncalibratable":
             return "uncalibratable"
+        if ranked is None:
+            return "some of its windows have no threshold from other sessions"
         return ""
+
+    @cached_property
+    def _warm_up_s(self) -> float | None:
+        """What comes before the first window; None where detectors' own declarations do."""
+        suite = self.scored.suite
+        until_s = (suite["calibration"] or {}).get("until_s") or 0.0
+        declared: float | None = suite["warm_up_s"]
+        is_calibrated = self.material.point == "calibrated"
+        return declared if declared is None or not is_calibrated else max(declared, until_s)
 
     def _family_left_out(self, detector: str) -> tuple[int, int] | None:
         place = (detector, self.material.point, "family left out")
@@ -394,6 +410,12 @@ class _Table:
             key=lambda row: (row.ranked is None, bool(row.apart) and len(able) > 1, *_key(row)),
         )
 
+    def _disjoint_windows(self) -> int:
+        """How many windows of the suite attacks lie in, and real attacks."""
+        windows = self.material.support[["recording", "window"]]
+        known = windows.dropna().drop_duplicates()
+        return len(known) + int(windows["window"].isna().sum())
+
     @cached_property
     def nothing(self) -> pd.DataFrame:
         """No clean variant: cells have no false alerts."""
@@ -410,19 +432,17 @@ class _Table:
         return self.material.point if row.ranked else "published"
 
     def severity(self) -> Iterator[SeverityRow]:
-        """Yield how strong attacks must be for each row."""
+        """Yield how strong attacks must be for each row, over all of the support."""
+        faced = self.material.faced
+        of_variant = self.scored.tasks.drop_duplicates("variant").set_index("variant")
+        groups = of_variant["attack_group"].to_numpy()[faced["variant"]]
+        strength = of_variant["strength"].to_numpy(float)[faced["variant"]]
         for row in self.rows:
-            events = self.scored.events.get((row.detector, self._shown(row), "judged"))
-            if events is None:
-                continue
-            for group in dict.fromkeys(events["attack_group"]):
-                own = (events["attack_group"] == group) & (
-                    events["provenance"] == self.material.provenance
-                )
-                own &= ~np.isnan(events["strength"])
-                curve = severity_curve(
-                    events["strength"][own], events["detected"][own], events["session"][own]
-                )
+            place = (row.detector, self._shown(row), "judged")
+            detected = (self.scored.met(place, faced)["detected"] == 1).astype(float)
+            for group in dict.fromkeys(groups):
+                own = (groups == group) & ~np.isnan(strength)
+                curve = severity_curve(strength[own], detected[own], faced["session"][own])
                 if curve is not None and curve.strength.size > 1:
                     yield SeverityRow(
                         self.material.provenance,
@@ -449,10 +469,10 @@ class _Table:
                 else "No clean hour was judged: false-alert rates are unknown."
             )
         if sessions < 5:
-            noun = "session tells" if sessions == 1 else "sessions tell"
+            verb = "orders" if sessions == 1 else "order"
             yield (
-                f"{sessions} {noun} detectors apart on what was recorded; how they do elsewhere, "
-                "and whether the order holds, it takes 5 or more to say."
+                f"{counted(sessions, 'session')} {verb} detectors on what was recorded; how they "
+                "do elsewhere, and whether the order holds, it takes more to say."
             )
         if 1 < self.material.clean["session"].nunique() < MIN_SESSIONS:
             yield (
@@ -490,7 +510,7 @@ def _key(row: LeaderboardRow) -> tuple[bool, float, float]:
     shown = row.shown
     share = shown.detected / shown.attacks if shown.attacks else 0.0
     mean_s = shown.restricted_mean_ttfd_s
-    return row.exceeds_target, -share, float("inf") if mean_s is None else mean_s
+    return row.keeps_target is not True, -share, float("inf") if mean_s is None else mean_s
 
 
 _HOW = ("calibrated", "raised only", "no clean score", "no session", "uncalibratable")

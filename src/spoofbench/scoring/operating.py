@@ -216,10 +216,12 @@ class Curves:
         thresholds: of the folder.
         sessions: of each sensor class that is calibrated: between these, thresholds are carried,
             but for those from sessions that are judged.
+        memory_cap_s: how long after an attack nothing is scored.
     """
 
     thresholds: Thresholds
     sessions: Mapping[str, Set[str]]
+    memory_cap_s: float
     _factors: dict[Key, Floats | None] = field(default_factory=dict)
     _sums: dict[tuple[str, str, str], _Sum] = field(default_factory=dict)
     _transfer: dict[tuple[str, str, str], _Sum] = field(default_factory=dict)
@@ -238,7 +240,7 @@ class Curves:
         factors = self._factors_of(task)
         if factors is not None:
             key = (task.detector, task.sensor_class, task.provenance)
-            _take_up(self._sums.setdefault(key, _Sum(0)), task, trace, twin, factors)
+            self._take_up(self._sums.setdefault(key, _Sum(0)), task, trace, twin, factors)
         if task.sensor_class in self.sessions:
             for other in self.sessions:
                 if other != task.sensor_class:
@@ -267,7 +269,31 @@ class Curves:
         factors = self._factors[key]
         if factors is not None:
             of = (task.detector, other, task.sensor_class)
-            _take_up(self._transfer.setdefault(of, _Sum(0)), task, trace, twin, factors)
+            self._take_up(self._transfer.setdefault(of, _Sum(0)), task, trace, twin, factors)
+
+    def _take_up(
+        self, own: _Sum, task: Task, trace: Trace, twin: Twin | None, factors: Floats
+    ) -> None:
+        truth = trace.truth
+        if task.attack is None or task.provenance == "real attack":
+            counted = trace.clean(self.memory_cap_s) & (
+                truth.time_ns >= (task.judged_start_ns or 0)
+            )
+            curve = trace.episode_curve(counted)
+            own.episodes = own.episodes + np.array(
+                [curve.episodes_at(factor) for factor in factors.tolist()]
+            )
+            own.clean_h += curve.hours
+        for interval in truth.intervals:
+            own.detected = own.detected + ~np.isnan(trace.detection_times_s(interval, factors))
+            own.attacks += 1
+            score = trace.score[interval.covers(truth.time_ns), np.newaxis]
+            own.alerted = (
+                own.alerted + (score > factors).mean(axis=0) if score.size else own.alerted
+            )
+            if twin is not None:
+                placebo_s = twin.detection_times_s(interval, factors)
+                own.placebo_detected = own.placebo_detected + ~np.isnan(placebo_s)
 
     def write(self, folder: Path) -> None:
         """Write ``curves.parquet`` and ``transfer.parquet``."""
@@ -309,25 +335,6 @@ class Curves:
                 }
             )
         write_parquet(folder / "transfer.parquet", pa.Table.from_pylist(carried, TRANSFER_SCHEMA))
-
-
-def _take_up(own: _Sum, task: Task, trace: Trace, twin: Twin | None, factors: Floats) -> None:
-    truth = trace.truth
-    if task.attack is None or task.provenance == "real attack":
-        counted = trace.clean(task.memory_s) & (truth.time_ns >= (task.judged_start_ns or 0))
-        curve = trace.episode_curve(counted)
-        own.episodes = own.episodes + np.array(
-            [curve.episodes_at(factor) for factor in factors.tolist()]
-        )
-        own.clean_h += curve.hours
-    for interval in truth.intervals:
-        own.detected = own.detected + ~np.isnan(trace.detection_times_s(interval, factors))
-        own.attacks += 1
-        score = trace.score[interval.covers(truth.time_ns), np.newaxis]
-        own.alerted = own.alerted + (score > factors).mean(axis=0) if score.size else own.alerted
-        if twin is not None:
-            placebo_s = twin.detection_times_s(interval, factors)
-            own.placebo_detected = own.placebo_detected + ~np.isnan(placebo_s)
 
 
 def _nth(values: Any, number: int) -> int:

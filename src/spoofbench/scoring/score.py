@@ -34,7 +34,14 @@ from spoofbench.results import (
     write_parquet,
 )
 from spoofbench.scoring.grid import default_hold_s
-from spoofbench.scoring.metrics import Event, detection_pct, false_alerts, harm, share
+from spoofbench.scoring.metrics import (
+    Event,
+    detection_pct,
+    false_alerts,
+    harm,
+    largest_error,
+    share,
+)
 from spoofbench.scoring.operating import Curves, Thresholds
 from spoofbench.scoring.statistics import partial_auc, roc_curve
 from spoofbench.scoring.trace import Trace, Twin, trace
@@ -101,6 +108,7 @@ EVENT_SCHEMA = pa.schema(
         ("retrust_s", pa.float64()),
         ("retrust_censored", pa.bool_()),
         ("position_error_at_detection_m", pa.float64()),
+        ("largest_error_m", pa.float64()),
         ("largest_error_before_alert_m", pa.float64()),
         ("largest_error_while_silent_m", pa.float64()),
         ("hazardous", pa.bool_()),
@@ -121,11 +129,13 @@ class Rules:
 
     Attributes:
         target_far_per_hour: false-alert rate at which detectors are ranked.
+        memory_cap_s: how long after an attack nothing is scored, the same for all detectors.
         alert_limit_m, time_to_alert_s: errors above it are hazardous unless an alert comes in time;
             None where the suite sets no limit.
     """
 
     target_far_per_hour: float
+    memory_cap_s: float
     alert_limit_m: float | None
     time_to_alert_s: float
 
@@ -141,7 +151,12 @@ def score_folder(folder: Path) -> None:
         ResultsError: a file of the folder is missing or damaged.
     """
     tasks, suite = read_tasks(folder), read_run(folder)["suite"]
-    rules = Rules(suite["target_far_per_hour"], suite["alert_limit_m"], suite["time_to_alert_s"])
+    rules = Rules(
+        suite["target_far_per_hour"],
+        suite["memory_cap_s"],
+        suite["alert_limit_m"],
+        suite["time_to_alert_s"],
+    )
     reading = _Reading(folder, tasks)
     thresholds = Thresholds(rules.target_far_per_hour)
     for task, seen in reading.calibrating():
@@ -150,6 +165,7 @@ def score_folder(folder: Path) -> None:
     curves = Curves(
         thresholds,
         {name: {task.session for task in tasks if task.sensor_class == name} for name in classes},
+        rules.memory_cap_s,
     )
     scores, events = _Rows(SCORE_SCHEMA), _Rows(EVENT_SCHEMA)
     unscored = {index for index, task in enumerate(tasks) if task.is_judged}
@@ -197,7 +213,7 @@ def score_decisions(
     if not truth.intervals:
         return row | _false_alerts(seen, seen.clean(memory_s))
     found = seen.events(truth.intervals)
-    first = _event(seen, found[0], Rules(0.0, None, 0.0))
+    first = _event(seen, found[0], Rules(0.0, memory_s, None, 0.0))
     return row | first | _detection(seen, None, found, []) | {"partial_auc": None}
 
 
@@ -307,7 +323,10 @@ class _Reading:
             return task.hold_s
         key = task.recording, task.detector
         if key not in self.hold_s:
-            self.hold_s[key] = default_hold_s(truth.epoch_ns, decisions.time_ns)
+            hold_s = default_hold_s(truth.epoch_ns, decisions.time_ns)
+            if not decisions.time_ns.size:
+                return hold_s  # says nothing of the detector's own rate
+            self.hold_s[key] = hold_s
         return self.hold_s[key]
 
 
@@ -325,7 +344,7 @@ def _scored(
     judged = truth.time_ns >= (task.judged_start_ns or 0)
     row = _fate(task) | _alerts(seen, judged) | _detection(seen, twin, found, placebo)
     if task.attack is None or task.provenance == "real attack":
-        row |= _false_alerts(seen, seen.clean(task.memory_s) & judged)
+        row |= _false_alerts(seen, seen.clean(rules.memory_cap_s) & judged)
     return events, row
 
 
@@ -404,6 +423,7 @@ def _event(seen: Trace, event: Event, rules: Rules) -> _Cells:
         "retrust_s": event.retrust_s,
         "retrust_censored": event.retrust_censored,
         "position_error_at_detection_m": done.error_at_detection_m,
+        "largest_error_m": largest_error(truth.position_error_m, interval.covers(truth.time_ns)),
         "largest_error_before_alert_m": done.largest_error_before_alert_m,
         "largest_error_while_silent_m": done.largest_error_while_silent_m,
         "hazardous": None if limit_m is None else done.hazardous,

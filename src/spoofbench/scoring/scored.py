@@ -35,6 +35,7 @@ _MET = (
     "largest_error_before_alert_m",
     "warned",
 )
+_ERROR_BEFORE = "largest_error_before_alert_m"
 """Columns of scores and of events that figures rest on."""
 
 Place = tuple[str, str, str]
@@ -108,9 +109,15 @@ class ScoredFolder:
         keys = pd.MultiIndex.from_frame(self.intervals[["variant", "start_ns"]])
         own = pd.MultiIndex.from_frame(events[["variant", "start_ns"]])
         events["interval"] = keys.get_indexer(own)
-        # it is the attack that is hazardous: what one detector shows holds for those without result
-        found: Any = events.groupby("interval")["hazardous"].max()
-        self.hazardous = found.astype(float).reindex(range(len(self.intervals) + 1)).to_numpy()
+        # of the attack alone: what one detector's row says holds for those without a result
+        self.harm = {
+            name: events.groupby("interval")[name]
+            .max()
+            .astype(float)
+            .reindex(range(len(self.intervals) + 1))
+            .to_numpy()
+            for name in ("hazardous", "largest_error_m")
+        }
         self.calibrated = {
             str(detector): set(some["variant"][some["point"] == "calibrated"])
             for detector, some in scores.groupby("detector", sort=False)
@@ -227,6 +234,7 @@ class ScoredFolder:
         """The attack intervals of the support as columns; the window where nobody was scored."""
         seen = self.intervals[self.intervals["variant"].isin(support["variant"])]
         unseen = support[~support["variant"].isin(seen["variant"])]
+        unseen = unseen[unseen["window_start_ns"].notna()]  # nobody knows where others are attacked
         length_s = (unseen["window_end_ns"] - unseen["window_start_ns"]) / 1e9
         nobody = np.full(len(unseen), len(self.intervals))
         return {
@@ -268,15 +276,21 @@ class ScoredFolder:
         columns = {
             "session": faced["session"],
             "length_s": faced["length_s"],
-            "hazardous": self.hazardous[faced["interval"]],
+            "hazardous": self.harm["hazardous"][faced["interval"]],
         }
+        error_m = self.harm["largest_error_m"][faced["interval"]]
         events = self.events.get(place)
         if events is None:
-            return columns | {name: np.full(faced["interval"].size, np.nan) for name in _MET}
+            unknown = np.full(faced["interval"].size, np.nan)
+            return columns | dict.fromkeys(_MET, unknown) | {_ERROR_BEFORE: error_m}
         row = np.full(len(self.intervals) + 1, events["interval"].size)
         row[events["interval"].astype(int)] = np.arange(events["interval"].size)
         taken = row[faced["interval"]]
-        return columns | {name: np.append(events[name], np.nan)[taken] for name in _MET}
+        found = {name: np.append(events[name], np.nan)[taken] for name in _MET}
+        has_result = taken < events["interval"].size
+        return (
+            columns | found | {_ERROR_BEFORE: np.where(has_result, found[_ERROR_BEFORE], error_m)}
+        )
 
     def has_point(self, detector: str, point: Point, faced: Columns) -> bool:
         """Whether a detector has an operating point wherever it is judged on what is faced, columns
