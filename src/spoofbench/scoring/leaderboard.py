@@ -338,7 +338,7 @@ class _Table:
         if ranked is None and how == "uncalibratable":
             return "uncalibratable"
         if ranked is None:
-            return "some of its windows have no threshold from other sessions"
+            return "some of its windows have no calibrated threshold"
         return ""
 
     @cached_property
